@@ -1,0 +1,109 @@
+"""Checks of user input: one clear message that names the argument, what was got and what is expected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import numpy as np
+
+_PLAIN = (bool, int, float, str, bytes, list, tuple, dict, np.ndarray, np.generic, type(None))
+
+
+def is_concrete(value: Any) -> bool:
+    """Whether a value can be looked at: a tracer (under jit, grad, vmap) cannot."""
+    return isinstance(value, _PLAIN) or (isinstance(value, jax.Array) and not isinstance(value, jax.core.Tracer))
+
+
+def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) -> Any:
+    """Checks that a value holds finite real numbers, and its shape where one is given.
+
+    Args:
+        name: The argument's name, for the message.
+        value: Number or array; tracers pass unseen.
+        shape: Expected shape, None for a free length.
+
+    Returns:
+        The value; lists and tuples as NumPy arrays of floats.
+
+    Raises:
+        TypeError: The value is no real number or array of them.
+        ValueError: A number is NaN or infinite, or the shape is another.
+    """
+    if not is_concrete(value):
+        return value
+    array = None if isinstance(value, (str, bytes, bool)) else _as_array(value)
+    if array is None or array.dtype.kind not in "iuf":
+        raise TypeError(f"{name}: got {value!r} ({type(value).__name__}), expected a real number or an array of them")
+    if shape is not None and not _fits(array.shape, shape):
+        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise ValueError(f"{name}: got shape {array.shape}, expected {wanted}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: got {_show(array)}, expected finite numbers")
+    return array.astype(float) if isinstance(value, (list, tuple)) else value
+
+
+def bounded(
+    name: str, value: Any, *, above: float | None = None, least: float | None = None, most: float | None = None
+) -> Any:
+    """Checks that every number of `value` lies above `above`, at or above `least`, at or below `most`.
+
+    Raises:
+        TypeError: The value is no real number or array of them.
+        ValueError: A number lies outside, or is not finite.
+    """
+    value = numbers(name, value)
+    if not is_concrete(value):
+        return value
+    array = np.asarray(value)
+    for bound, inside, words in (
+        (above, array > (above if above is not None else 0), "> "),
+        (least, array >= (least if least is not None else 0), ">= "),
+        (most, array <= (most if most is not None else 0), "<= "),
+    ):
+        if bound is not None and not np.all(inside):
+            raise ValueError(f"{name}: got {_show(array[~inside] if array.ndim else array)}, expected {words}{bound:g}")
+    return value
+
+
+def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
+    """Checks that `value` is one of the allowed words.
+
+    Raises:
+        ValueError: It is another; the message lists the words.
+    """
+    words = tuple(allowed)
+    if value not in words:
+        raise ValueError(f"{name}: got {value!r}, expected one of {', '.join(words)}")
+    return value
+
+
+def count(name: str, value: Any, least: int = 1) -> int:
+    """Checks that `value` is a whole number of at least `least`.
+
+    Raises:
+        TypeError: It is no whole number.
+        ValueError: It is too small.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name}: got {value!r} ({type(value).__name__}), expected a whole number")
+    if value < least:
+        raise ValueError(f"{name}: got {value}, expected at least {least}")
+    return int(value)
+
+
+def _as_array(value: Any) -> np.ndarray | None:
+    try:
+        return np.asarray(value)
+    except ValueError:  # ragged nesting
+        return None
+
+
+def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    return len(shape) == len(wanted) and all(n is None or n == m for m, n in zip(shape, wanted, strict=True))
+
+
+def _show(array: np.ndarray) -> str:
+    text = np.array2string(array.ravel()[:4], separator=", ")
+    return str(array.item()) if array.size == 1 else text[:-1] + (", ...]" if array.size > 4 else "]")

@@ -1,0 +1,142 @@
+"""Many designs x seeds under common random numbers: metrics out, not trajectories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict
+from itertools import islice
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jax.typing import DTypeLike
+
+from qocjax import _checks
+from qocjax.batch.layout import Batch, batches_of, groups_of
+from qocjax.batch.runner import PER_ROBOT, Runner
+from qocjax.batch.xla import num_workers
+from qocjax.network.interface import Network
+from qocjax.network.schedule import Rules
+from qocjax.scenario import Design, Scenario, check_tau
+from qocjax.simulate import check_start
+
+__all__ = ["MAX_RUNS", "UNITS", "evaluate"]
+
+# Runs of one batch with two robots: what is carried stays in the second-level cache on CPUs, and fills a GPU.
+MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
+
+UNITS = {
+    "auc": "s", "path_length": "m", "effort": "(m/s)^2 s + (rad/s)^2 s", "arrival_time": "s", "min_distance": "m",
+    "collided": "1", "completed_share": "1", "age_mean": "s", "age_peak": "s",
+    "v_max": "m/s", "omega_max": "rad/s", "eta": "1", "kappa": "1/s", "gamma": "1/s", "c_miss": "m/s", "d_safe": "m",
+    "tau": "s", "deadline": "s",
+}  # fmt: skip
+
+def evaluate(
+    scenario: Scenario,
+    designs: Design,
+    network: Network,
+    seeds: Sequence[int],
+    *,
+    rules: Rules | None = None,
+    key: int = 0,
+    dtype: DTypeLike = jnp.float32,
+    max_runs: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> xr.Dataset:
+    """Simulates every design with every seed; designs of the same tau share their loop times.
+
+    Args:
+        scenario: Robots, goal, horizon, yardstick; each seed jitters the start.
+        designs: Values broadcastable to [G].
+        network: Where loop times come from.
+        seeds: [S] Monte Carlo seeds; each fixes the start jitter and the loop times whatever else is evaluated.
+        rules: Actuation and hold, by default those of the model.
+        key: Root of all random numbers, common to the seeds of a study.
+        dtype: float32 is the speed path, with polynomial functions of angles within their range; float64 (with JAX's
+            x64 mode on) is exact.
+        max_runs: Runs of one batch with two robots; by default what suits the device. Results do not depend on it,
+            up to rounding.
+        progress: Called with the number of robot-steps done, after each batch.
+
+    Returns:
+        Metrics over (design, seed, robot) or (design, seed), with units as attributes: auc, path_length, effort,
+        arrival_time, min_distance, collided, completed_share, age_mean, age_peak. The attribute `math` says which
+        functions of angles ran.
+
+    Raises:
+        TypeError: A seed is no whole number.
+        ValueError: No design, no seed, a tau above the horizon, or a start on the reference.
+    """
+    rules = rules or Rules()
+    grid = _as_grid(designs, scenario)
+    seeds = np.array([_checks.count("seeds", s, least=0) for s in seeds], np.int64)
+    if len(seeds) == 0:
+        raise ValueError("seeds: got none, expected at least one")
+    if jnp.dtype(dtype) == jnp.float64 and not jax.config.jax_enable_x64:
+        raise ValueError("dtype: got float64 without JAX's x64 mode, expected float32 or jax_enable_x64 set")
+    check_start(scenario, scenario.start)
+    runner = Runner(scenario, grid, network, seeds, rules, key, jnp.dtype(dtype))
+    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules)
+    limit = MAX_RUNS.get(jax.default_backend(), 512) if max_runs is None else _checks.count("max_runs", max_runs)
+    results = runner.empty()
+    for batch, metrics in _in_parallel(runner.run, batches_of(groups, len(seeds), scenario.num_robots, limit)):
+        _put(results, batch, metrics)
+        if progress is not None:
+            progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)
+    return _labelled(results, grid, seeds, {"math": runner.math.name, "dtype": str(jnp.dtype(dtype))})
+
+
+def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
+    """The values of all designs, each [G] in float64."""
+    values = {name: np.asarray(value, np.float64) for name, value in asdict(designs).items()}
+    try:
+        shape = np.broadcast_shapes(*(value.shape for value in values.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {value.shape}" for name, value in values.items() if value.ndim)
+        raise ValueError(f"designs: got {shapes}, expected one common length G") from None
+    if len(shape) > 1 or 0 in shape:
+        raise ValueError(f"designs: got values of shape {shape}, expected numbers or arrays [G] with G >= 1")
+    check_tau(scenario, values["tau"])
+    return {name: np.broadcast_to(value, shape or (1,)) for name, value in values.items()}
+
+
+def _in_parallel(run: Callable[[Batch], dict], batches: Iterable[Batch]) -> Iterator[tuple[Batch, dict]]:
+    """Runs batches on the workers, a few ahead of what is taken, so that memory does not grow with the grid."""
+    workers = num_workers()
+    with ThreadPoolExecutor(workers) as pool:
+        source = iter(batches)
+        pending: dict[Future, Batch] = {pool.submit(run, batch): batch for batch in islice(source, 2 * workers)}
+        try:
+            while pending:
+                done, _ = wait(pending, return_when=FIRST_COMPLETED)
+                for future in done:
+                    batch = pending.pop(future)
+                    for following in islice(source, 1):
+                        pending[pool.submit(run, following)] = following
+                    yield batch, future.result()
+        finally:
+            for future in pending:
+                future.cancel()
+
+
+def _put(results: dict[str, np.ndarray], batch: Batch, metrics: dict[str, np.ndarray]) -> None:
+    """Writes the real rows and lanes of a batch to their places."""
+    rows, lanes = batch.num_designs, batch.num_seeds
+    place = np.ix_(batch.designs[:rows], batch.seeds[:lanes])
+    for name, values in metrics.items():
+        real = values[..., :rows, :lanes]
+        results[name][place] = np.moveaxis(real, 0, -1) if name in PER_ROBOT else real
+
+
+def _labelled(
+    results: dict[str, np.ndarray], grid: dict[str, np.ndarray], seeds: np.ndarray, attributes: dict[str, str]
+) -> xr.Dataset:
+    dims = {name: ("design", "seed", "robot") if name in PER_ROBOT else ("design", "seed") for name in results}
+    return xr.Dataset(
+        {name: (dims[name], values, {"units": UNITS[name]}) for name, values in results.items()},
+        {name: ("design", values, {"units": UNITS[name]}) for name, values in grid.items()} | {"seed": seeds},
+        attributes,
+    )

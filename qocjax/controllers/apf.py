@@ -1,0 +1,54 @@
+"""The surrogate law: artificial potential field with a staleness-aware safety distance (model, section 3)."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array, lax
+
+from qocjax._math import AngleMath
+from qocjax.pairs import pair_forces
+from qocjax.scenario import Design
+from qocjax.unicycle import Command, Pose
+
+__all__ = ["MIN_DISTANCE", "apf"]
+
+# Floor of d_ij, so that coincident robots give finite numbers (m).
+MIN_DISTANCE = 1e-6
+
+
+def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math: AngleMath) -> Command:
+    """Commands from the poses and ages at one sampling instant.
+
+    Args:
+        pose: [N, *B] sampled poses.
+        age: [N, *B'] age of information that the controller sees (s), broadcastable to the poses.
+        goal: The two coordinates of p*, each broadcastable to [N, *B] (m).
+        design: Parameters broadcastable to [N, *B].
+        math: Functions of angles.
+
+    Returns:
+        The saturated command, [N, *B] (paper, Eqs. 4 to 8).
+    """
+    push_x, push_y = _repulsion(pose, age, design)
+    v_x = -design.kappa * (pose.x - goal[0]) + push_x
+    v_y = -design.kappa * (pose.y - goal[1]) + push_y
+    # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
+    along = v_x * pose.cos + v_y * pose.sin
+    across = v_y * pose.cos - v_x * pose.sin
+    error = math.atan2(across, along)
+    nu = jnp.minimum(jnp.maximum(along, 0.0), design.v_max)
+    omega = jnp.minimum(jnp.maximum(design.gamma * error, -design.omega_max), design.omega_max)
+    return Command(nu, omega)
+
+
+def _repulsion(pose: Pose, age: Array, design: Design) -> tuple[Array, Array]:
+    """Sum of v_ij over the other robots (paper, Eqs. 5 and 6)."""
+
+    def law(squared_distance: Array, age_i: Array, age_j: Array) -> Array:
+        inverse = lax.rsqrt(jnp.maximum(squared_distance, MIN_DISTANCE**2))
+        stale = jnp.maximum(jnp.maximum(age_i, age_j) - design.deadline, 0.0)
+        # Written as a clipped difference: 1/d > 1/d_eff exactly where d < d_eff.
+        excess = jnp.maximum(inverse - 1.0 / (design.d_safe + design.c_miss * stale), 0.0)
+        return design.eta * excess * inverse * inverse * inverse
+
+    return pair_forces(pose.x, pose.y, age, law)

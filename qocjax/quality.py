@@ -1,0 +1,121 @@
+"""Quality of control: the AUC of the tracking disagreement, QoC, and the further metrics of a run (model, section 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from qocjax import _checks
+from qocjax.pairs import closest_squared
+from qocjax.scenario import Design, Scenario
+from qocjax.unicycle import Command, Pose
+
+__all__ = ["QocScale", "Tally", "initial_norm", "qoc"]
+
+
+@dataclass(frozen=True)
+class QocScale:
+    """What turns an AUC into a QoC: the median and the largest AUC over all runs of a study (model, section 5)."""
+
+    median: float  # J_med, s
+    largest: float  # J_max, s
+
+    def __post_init__(self) -> None:
+        _checks.bounded("J_med", self.median, above=0)
+        _checks.bounded("J_max", self.largest, least=0)
+
+    @classmethod
+    def of(cls, auc: ArrayLike) -> QocScale:
+        """Scale from all AUC values of a study, non-finite ones (diverged runs) left out.
+
+        Raises:
+            ValueError: None is finite.
+        """
+        values = np.asarray(auc, np.float64)
+        values = values[np.isfinite(values)]
+        if values.size == 0:
+            raise ValueError("auc: got no finite value, expected the AUC of at least one run")
+        return cls(float(np.median(values)), float(np.max(values)))
+
+
+def qoc(auc: ArrayLike, scale: QocScale) -> Array | np.ndarray:
+    """Q = 1 / (1 + min(J_max, J) / J_med), elementwise (paper, Eq. 18); NumPy in, NumPy out."""
+    xp = jnp if isinstance(auc, jax.Array) else np
+    return 1.0 / (1.0 + xp.minimum(xp.asarray(auc), scale.largest) / scale.median)
+
+
+def initial_norm(scenario: Scenario, start: Array, goal: Array, origin: tuple[Array, Array]) -> Array:
+    """What |delta_i|²_W is divided by, [N, *B]: its initial value, or the initial distance to the goal (m²).
+
+    Args:
+        scenario: The normaliser and the weights.
+        start: [N, 3, *B] start poses.
+        goal: [N, 2, *1] goals.
+        origin: Start of the reference, each coordinate [1 or N, *B].
+    """
+    from_x, from_y = origin if scenario.normaliser == "initial_disagreement" else (goal[:, 0], goal[:, 1])
+    return _weighted(scenario, start[:, 0] - from_x, start[:, 1] - from_y)
+
+
+def _weighted(scenario: Scenario, x: Array, y: Array) -> Array:
+    weights = jnp.asarray(scenario.weights)
+    return weights[0] * x * x + weights[1] * y * y
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Tally:
+    """Running totals of a run: what the loop carries of the metrics."""
+
+    integral: Array  # [N, *B] ∫ |delta|²_W dt, m² s
+    path_length: Array  # [N, *B] ∫ nu dt, m
+    effort: Array  # [N, *B] ∫ nu² + omega² dt, mixed units as in the paper's "control effort"
+    closest: Array  # [*B] smallest squared distance between robots at the sampling instants, m²
+    last_away: Array  # [N, *B] last sampling instant (tick) farther than 2 d_safe from the goal, -1 for none
+
+    @classmethod
+    def zero(cls, pose: Pose) -> Tally:
+        """Before the first tick."""
+        zero = jnp.zeros_like(pose.x)
+        return cls(zero, zero, zero, jnp.full(pose.x.shape[1:], jnp.inf, pose.x.dtype), zero - 1.0)
+
+    def at_instant(self, tick: Array | int, pose: Pose, goal: tuple[Array, Array], design: Design) -> Tally:
+        """Takes in what is read at a sampling instant."""
+        away = (pose.x - goal[0]) ** 2 + (pose.y - goal[1]) ** 2 > (2.0 * design.d_safe) ** 2
+        return Tally(
+            self.integral,
+            self.path_length,
+            self.effort,
+            jnp.minimum(self.closest, closest_squared(pose.x, pose.y)),
+            jnp.where(away, jnp.asarray(tick, self.last_away.dtype), self.last_away),
+        )
+
+    def over_piece(
+        self, scenario: Scenario, error: tuple[Array, Array], next_error: tuple[Array, Array], command: Command, h: Array
+    ) -> Tally:
+        """Takes in a piece of constant command.
+
+        The disagreement is integrated as if it changed linearly over the piece: h/3 (a² + ab + b²), which is exact for
+        straight motion and second order in the curvature of the arc.
+
+        Args:
+            scenario: The weights W.
+            error: delta at the beginning, each coordinate [N, *B].
+            next_error: delta at the end.
+            command: In force over the piece.
+            h: Its length (s).
+        """
+        weights = jnp.asarray(scenario.weights)
+        squares = [a * a + a * b + b * b for a, b in zip(error, next_error, strict=True)]
+        return Tally(
+            self.integral + (h / 3.0) * (weights[0] * squares[0] + weights[1] * squares[1]),
+            self.path_length + h * command.nu,
+            self.effort + h * (command.nu * command.nu + command.omega * command.omega),
+            self.closest,
+            self.last_away,
+        )

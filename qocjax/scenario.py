@@ -1,0 +1,132 @@
+"""What is simulated: the scenario (robots, goal, horizon, yardstick) and the design (what one may choose)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import jax
+import numpy as np
+from jax.typing import ArrayLike
+
+from qocjax import _checks
+
+__all__ = ["CONTINUOUS", "NORMALISERS", "REFERENCES", "Design", "Scenario", "num_ticks"]
+
+REFERENCES = ("nominal", "follow", "uncapped")
+NORMALISERS = ("initial_disagreement", "goal_distance")
+CONTINUOUS = ("v_max", "omega_max", "eta", "kappa", "gamma", "c_miss", "d_safe")
+
+# Comparisons of times allow this much rounding, relative to one sampling period or to the deadline.
+TIME_TOLERANCE = 1e-6
+
+
+def num_ticks(horizon: float, tau: float) -> int:
+    """Number of sampling instants (loops) P in the horizon; where tau does not divide it, the last interval is shorter."""
+    return int(np.ceil(horizon / tau - TIME_TOLERANCE))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Scenario:
+    """The robots, where they go, and the yardstick that a run is judged by (model, sections 1 and 5).
+
+    Attributes:
+        start: [N, 3] start poses (m, m, rad).
+        goal: [2] common destination p*, or [N, 2] one per robot (m).
+        horizon: Simulated time T (s).
+        reference: `nominal` (the scenario's kappa and speed cap, fixed while a design is swept), `follow` (the
+            design's own) or `uncapped` (nominal kappa, no cap).
+        nominal_kappa: Goal gain of the nominal reference (1/s).
+        nominal_v_max: Speed cap of the nominal reference (m/s).
+        reference_per_robot: One reference from each robot's start instead of one from their centroid.
+        normaliser: `initial_disagreement` (|delta_i(0)|²_W) or `goal_distance` (|p_i(0) - p*|²_W).
+        weights: [2] axis weights (w_x, w_y) of W.
+        start_jitter: Standard deviation of the start position per axis (m) and of the heading (rad), drawn anew for
+            each Monte Carlo seed; (0, 0) switches it off.
+        robot_radius: Two robots closer than two radii count as a collision (m).
+    """
+
+    start: ArrayLike = field(default_factory=lambda: np.array([[-2.0, -1.5, 0.3], [-2.0, 1.5, 0.0]]))
+    goal: ArrayLike = field(default_factory=lambda: np.array([2.0, 0.0]))
+    horizon: float = field(default=30.0, metadata={"static": True})
+    reference: str = field(default="nominal", metadata={"static": True})
+    nominal_kappa: ArrayLike = 2.0
+    nominal_v_max: ArrayLike = 0.7
+    reference_per_robot: bool = field(default=False, metadata={"static": True})
+    normaliser: str = field(default="initial_disagreement", metadata={"static": True})
+    weights: ArrayLike = field(default_factory=lambda: np.ones(2))
+    start_jitter: tuple[float, float] = field(default=(0.1, 0.1), metadata={"static": True})
+    robot_radius: ArrayLike = 0.105
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        set_(self, "start", _checks.numbers("start", self.start, (None, 3)))
+        if _checks.is_concrete(self.start) and np.shape(self.start)[0] < 1:
+            raise ValueError("start: got no robot, expected [N, 3] start poses with N >= 1")
+        set_(self, "goal", _checks.numbers("goal", self.goal))
+        if _checks.is_concrete(self.goal) and np.shape(self.goal) not in ((2,), (np.shape(self.start)[0], 2)):
+            raise ValueError(f"goal: got shape {np.shape(self.goal)}, expected (2,) or one goal per robot (N, 2)")
+        set_(self, "horizon", float(_checks.bounded("horizon", self.horizon, above=0)))
+        set_(self, "weights", _checks.numbers("weights", self.weights, (2,)))
+        set_(self, "start_jitter", tuple(float(v) for v in _checks.numbers("start_jitter", self.start_jitter, (2,))))
+        _checks.bounded("start_jitter", np.asarray(self.start_jitter), least=0)
+        for name in ("weights", "nominal_kappa", "nominal_v_max", "robot_radius"):
+            _checks.bounded(name, getattr(self, name), above=0)
+        _checks.choice("reference", self.reference, REFERENCES)
+        _checks.choice("normaliser", self.normaliser, NORMALISERS)
+        if not self.reference_per_robot and _checks.is_concrete(self.goal) and np.ndim(self.goal) == 2:
+            if not np.all(np.asarray(self.goal) == np.asarray(self.goal)[0]):
+                raise ValueError("goal: got different goals per robot with one reference for the group, "
+                                 "expected reference_per_robot=True")  # fmt: skip
+
+    @property
+    def num_robots(self) -> int:
+        """N."""
+        return np.shape(self.start)[0]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Design:
+    """What one may choose: the parameters Theta of the paper with the deadline (model, section 1).
+
+    Each value is a number, or an array [G] for G designs at once. Defaults are the paper's, and for the deadline one in
+    the middle of its axis.
+
+    Attributes:
+        v_max: Speed cap (m/s).
+        omega_max: Turn rate cap (rad/s).
+        eta: Repulsion gain.
+        kappa: Goal gain (1/s).
+        gamma: Heading gain (1/s).
+        c_miss: Staleness penalty (m/s).
+        d_safe: Nominal safety distance (m).
+        tau: Sampling period of the loop (s).
+        deadline: Loop-completion deadline Delta (s).
+    """
+
+    v_max: ArrayLike = 0.7
+    omega_max: ArrayLike = 1.4
+    eta: ArrayLike = 0.6
+    kappa: ArrayLike = 2.0
+    gamma: ArrayLike = 2.0
+    c_miss: ArrayLike = 0.2
+    d_safe: ArrayLike = 0.5
+    tau: ArrayLike = 0.01
+    deadline: ArrayLike = 0.3
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            limit: dict[str, Any] = {"above": 0} if item.name in ("tau", "d_safe", "v_max", "omega_max") else {"least": 0}
+            object.__setattr__(self, item.name, _checks.bounded(item.name, value, **limit))
+
+
+def check_tau(scenario: Scenario, tau: ArrayLike) -> None:
+    """Checks that every sampling period fits into the horizon.
+
+    Raises:
+        ValueError: One is longer.
+    """
+    _checks.bounded("tau", tau, above=0, most=scenario.horizon)

@@ -1,0 +1,189 @@
+"""One run from given loop times, with its trajectory: `simulate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jax import Array
+from jax.typing import ArrayLike
+
+from qocjax import _checks
+from qocjax._math import EXACT
+from qocjax.closed_loop import Plan, run_closed_loop
+from qocjax.network.schedule import Rules, split_deadline
+from qocjax.quality import initial_norm
+from qocjax.reference import reference_origin
+from qocjax.scenario import CONTINUOUS, Design, Scenario, check_tau, num_ticks
+
+__all__ = ["Run", "check_start", "simulate"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Run:
+    """One simulated run and its metrics."""
+
+    time: Array  # [P+1] s
+    pose: Array  # [P+1, N, 3] m, m, rad; headings continuous
+    command: Array  # [P, N, 2] m/s, rad/s; in force at t_p, after what takes effect at t_p
+    age: Array  # [P, N] s, as the controller at t_p sees it
+    auc: Array  # [N] s, J_i
+    min_distance: Array  # m, smallest distance between robots at the sampling instants; inf for one robot
+    collided: Array  # bool, whether that is below two robot radii
+    path_length: Array  # [N] m
+    effort: Array  # [N] ∫ nu² + omega² dt
+    arrival_time: Array  # [N] s, from then on within 2 d_safe of the goal; inf if never
+    completed_share: Array  # share of the loops that complete
+    age_mean: Array  # s, over ticks and robots
+    age_peak: Array  # s
+    reference: Array  # [P+1, 2] m, or [P+1, N, 2] with a reference per robot
+    goal: Array  # [2] or [N, 2] m
+    d_safe: Array  # m
+    deadline: Array  # s
+    robot_radius: Array  # m
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row per sampling instant and robot: time, robot, x, y, heading, nu, omega, age (the last instant has none)."""
+        instants, robots = np.shape(self.pose)[:2]
+        pad = ((0, 1), (0, 0))
+        columns = {name: np.asarray(self.pose)[..., k] for k, name in enumerate(("x", "y", "heading"))}
+        columns |= {
+            name: np.pad(np.asarray(self.command)[..., k], pad, constant_values=np.nan)
+            for k, name in enumerate(("nu", "omega"))
+        }
+        columns["age"] = np.pad(np.asarray(self.age), pad, constant_values=np.nan)
+        index = {"time": np.repeat(np.asarray(self.time), robots), "robot": np.tile(np.arange(robots), instants)}
+        return pd.DataFrame(index | {name: values.ravel() for name, values in columns.items()})
+
+
+def simulate(
+    scenario: Scenario,
+    design: Design,
+    loop_times: ArrayLike,
+    actuation: str = "deadline",
+    hold: str = "hold",
+    *,
+    hold_timeout: float = 0.5,
+    hold_decay: float = 0.5,
+) -> Run:
+    """Simulates one run from given loop times.
+
+    Works under `jax.jit`, `jax.vmap` and `jax.grad`, and is differentiable in the design's continuous values. (The
+    derivative in the deadline is that between the multiples of tau; which loops complete is piecewise constant.)
+
+    Args:
+        scenario: Start poses (used as they are, without jitter), goal, horizon, yardstick.
+        design: One design; every value a number.
+        loop_times: [P, N] T_net of the loop that starts at t_p (s), inf where lost. P covers the horizon:
+            ceil(horizon / tau).
+        actuation: `deadline`, `arrival` or `instant` (model, section 4).
+        hold: `hold`, `zero`, `timeout` or `decay` (model, section 4).
+        hold_timeout: For `timeout` (s).
+        hold_decay: For `decay` (s).
+
+    Returns:
+        Trajectory and metrics.
+
+    Raises:
+        ValueError: A start on the reference, loop times of the wrong shape, negative or NaN, or an unknown mode.
+    """
+    rules = Rules(actuation, hold, hold_timeout, hold_decay)
+    for name in (*CONTINUOUS, "tau", "deadline"):
+        if np.ndim(getattr(design, name)) != 0:
+            raise ValueError(f"{name}: got shape {np.shape(getattr(design, name))}, expected one number")
+    times = _checked_loop_times(scenario, design, loop_times)
+    check_start(scenario, scenario.start)
+    mid_tick, slots = _timing(design, times.shape[0], rules)
+    return _simulate(scenario, design, times, Plan(rules, EXACT, slots, mid_tick, record=True))
+
+
+def check_start(scenario: Scenario, start: ArrayLike) -> None:
+    """Checks that no robot starts where the normaliser is zero.
+
+    Args:
+        scenario: Goal, reference and normaliser.
+        start: [N, 3] start poses, or [N, 3, S] of S seeds.
+
+    Raises:
+        ValueError: One does; the message names the robot and the way out.
+    """
+    if not (_checks.is_concrete(start) and _checks.is_concrete(scenario.goal)):
+        return
+    begin = np.asarray(start, np.float64).reshape(scenario.num_robots, 3, -1)
+    x, y = begin[:, 0], begin[:, 1]
+    goal = np.broadcast_to(np.asarray(scenario.goal, np.float64), (scenario.num_robots, 2))[..., None]
+    if scenario.normaliser == "initial_disagreement":
+        from_x, from_y = (x, y) if scenario.reference_per_robot else (x.mean(axis=0), y.mean(axis=0))
+        way_out = "expected it off the reference, or the normaliser 'goal_distance'"
+    else:
+        from_x, from_y = goal[:, 0], goal[:, 1]
+        way_out = "expected it away from its goal"
+    distance = np.hypot(x - from_x, y - from_y).min(axis=1)
+    for robot in np.flatnonzero(distance <= 1e-9 * (1.0 + np.abs(begin).max())):
+        raise ValueError(f"start: robot {robot} starts at disagreement 0 ({scenario.normaliser}), {way_out}")
+
+
+def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLike) -> Array:
+    if _checks.is_concrete(loop_times):
+        values = np.asarray(loop_times)
+        if values.dtype.kind not in "iuf":
+            raise TypeError(f"loop_times: got values of type {values.dtype}, expected seconds (inf where lost)")
+        if np.isnan(values).any() or (values < 0).any():
+            raise ValueError("loop_times: got NaN or a negative time, expected seconds >= 0 (inf where lost)")
+    shape = np.shape(loop_times)
+    if _checks.is_concrete(design.tau):
+        check_tau(scenario, design.tau)
+        wanted = (num_ticks(scenario.horizon, float(design.tau)), scenario.num_robots)
+        if shape != wanted:
+            raise ValueError(f"loop_times: got shape {shape}, expected {wanted}: (horizon / tau, robots)")
+    elif len(shape) != 2 or shape[1] != scenario.num_robots:
+        raise ValueError(f"loop_times: got shape {shape}, expected (P, {scenario.num_robots})")
+    return jnp.asarray(loop_times, jnp.result_type(float))
+
+
+def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]:
+    """Whether commands take effect between sampling instants, and how many are under way, where known beforehand."""
+    if rules.actuation == "instant":
+        return False, 1
+    if not (_checks.is_concrete(design.tau) and _checks.is_concrete(design.deadline)):
+        return (None if rules.actuation == "deadline" else False), ticks + 2
+    lag, rest = split_deadline(np.float64(design.deadline), np.float64(design.tau))
+    return bool(rest > 0) and rules.actuation == "deadline", min(int(lag), ticks) + 2
+
+
+@partial(jax.jit, static_argnames="plan")
+def _simulate(scenario: Scenario, design: Design, loop_times: Array, plan: Plan) -> Run:
+    start = jnp.asarray(scenario.start, loop_times.dtype)
+    tally, network, recorded = run_closed_loop(scenario, design, start, loop_times, plan)
+    assert recorded is not None  # the plan records; for the type checker
+    goal = jnp.broadcast_to(jnp.asarray(scenario.goal), (start.shape[0], 2))
+    norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))
+    time = jnp.minimum(jnp.arange(loop_times.shape[0] + 1) * jnp.asarray(design.tau), scenario.horizon)
+    arrived = tally.last_away < loop_times.shape[0]
+    reference = jnp.stack(recorded.reference, axis=-1)
+    closest = jnp.sqrt(tally.closest)
+    return Run(
+        time=time,
+        pose=jnp.stack([recorded.pose.x, recorded.pose.y, recorded.pose.heading], axis=-1),
+        command=jnp.stack([recorded.command.nu, recorded.command.omega], axis=-1),
+        age=network.age,
+        auc=tally.integral / norm,
+        min_distance=closest,
+        collided=closest < 2.0 * jnp.asarray(scenario.robot_radius),
+        path_length=tally.path_length,
+        effort=tally.effort,
+        arrival_time=jnp.where(arrived, (tally.last_away + 1.0) * jnp.asarray(design.tau), jnp.inf),
+        completed_share=jnp.mean(network.completed),
+        age_mean=jnp.mean(network.age),
+        age_peak=jnp.max(network.age),
+        reference=reference if scenario.reference_per_robot else reference[:, 0],
+        goal=jnp.asarray(scenario.goal),
+        d_safe=jnp.asarray(design.d_safe),
+        deadline=jnp.asarray(design.deadline),
+        robot_radius=jnp.asarray(scenario.robot_radius),
+    )
