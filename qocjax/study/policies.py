@@ -1,0 +1,52 @@
+"""The three policies: which point of a sweep each one picks (model, section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+__all__ = ["MIN_RELIABILITY", "POLICIES", "co_design", "max_rel", "min_delay"]
+
+# MinDelay takes the smallest deadline with at least this loop-completion probability: at F = 0 nothing can be tuned.
+MIN_RELIABILITY = 0.01
+
+Policy = Callable[[np.ndarray, np.ndarray, float], tuple[int, int]]
+
+
+def co_design(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float = MIN_RELIABILITY) -> tuple[int, int]:
+    """Best value and deadline together.
+
+    Args:
+        qoc: [V, D] QoC over values and ascending deadlines; NaN is never picked.
+        reliability: [D] F(Delta); not read by this policy.
+        min_reliability: Not read by this policy.
+
+    Returns:
+        Indices of value and deadline.
+    """
+    value, deadline = np.unravel_index(np.nanargmax(qoc), qoc.shape)
+    return int(value), int(deadline)
+
+
+def min_delay(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float = MIN_RELIABILITY) -> tuple[int, int]:
+    """Best value at the smallest deadline with enough reliability; 0 asks for the literal smallest.
+
+    Raises:
+        ValueError: No deadline of the axis is reliable enough.
+    """
+    enough = np.flatnonzero(reliability >= min_reliability)
+    if enough.size == 0:
+        raise ValueError(
+            f"deadline: got F(deadline) <= {reliability.max():.3g} on the whole axis, expected one with at least "
+            f"{min_reliability:g} for MinDelay (a larger deadline, or min_reliability=0)"
+        )
+    return int(np.nanargmax(qoc[:, enough[0]])), int(enough[0])
+
+
+def max_rel(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float = MIN_RELIABILITY) -> tuple[int, int]:
+    """Best value at the largest deadline, where the most loops complete."""
+    return int(np.nanargmax(qoc[:, -1])), qoc.shape[1] - 1
+
+
+POLICIES: dict[str, Policy] = {"Co-design": co_design, "MinDelay": min_delay, "MaxRel": max_rel}
