@@ -35,9 +35,13 @@ def seed_keys(key: int, seeds: np.ndarray) -> tuple[Array, Array]:
     return both[:, 0], both[:, 1]
 
 
-@partial(jax.jit, static_argnums=1)
-def jittered_start(start: Array, jitter: tuple[float, float], keys: Array) -> Array:
+def jittered_start(scenario: Scenario, keys: Array) -> Array:
     """Start poses of each seed, [S, N, 3]: position and heading perturbed by the scenario's jitter (model, section 1)."""
+    return _jittered(jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, keys)
+
+
+@partial(jax.jit, static_argnums=1)
+def _jittered(start: Array, jitter: tuple[float, float], keys: Array) -> Array:
     spread = jnp.asarray([jitter[0], jitter[0], jitter[1]], start.dtype)
     noise = jax.vmap(lambda k: jax.random.normal(k, start.shape, start.dtype))(keys)
     return start[None] + noise * spread[None, None, :]
@@ -57,6 +61,7 @@ class Runner:
         dtype: np.dtype,
     ) -> None:
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
+        self.original = scenario
         self.scenario: Scenario = jax.tree.map(lambda a: np.asarray(a, dtype), scenario)
         self.jitter_keys, self.network_keys = seed_keys(key, seeds)
         half_turn = float(np.max(grid["omega_max"] * grid["tau"])) / 2
@@ -87,11 +92,11 @@ class Runner:
     def _draw(self, tau: float, ticks: int, chosen: tuple[int, ...]) -> tuple[Array, Array]:
         """Start poses [N, 3, 1, seeds] and loop times [P, N, 1, seeds] of the chosen seeds."""
         which = np.asarray(chosen)
-        start = jittered_start(self.scenario.start, self.scenario.start_jitter, self.jitter_keys[which])
+        start = jittered_start(self.original, self.jitter_keys[which])
         times = loop_times(self.network, self.network_keys[which], ticks, self.scenario.num_robots, tau)
         check_start(self.scenario, np.moveaxis(np.asarray(start), 0, -1))
         return (
-            jnp.moveaxis(start, 0, -1)[:, :, None, :],
+            jnp.moveaxis(start.astype(self.dtype), 0, -1)[:, :, None, :],
             jnp.moveaxis(times.astype(self.dtype), 0, -1)[:, :, None, :],
         )
 

@@ -1,0 +1,38 @@
+"""qocjax: quality of control for robots that are steered from the edge over a wireless network.
+
+    run = qocjax.simulate(qocjax.Scenario(), qocjax.Design(deadline=0.2), loop_times)
+    metrics = qocjax.evaluate(qocjax.Scenario(), qocjax.Design(kappa=[1.0, 2.0, 3.0]), qocjax.paper_network(), range(32))
+
+The story by module: `scenario` (what is simulated, what one may choose), `unicycle` (the robot), `controllers` (the law),
+`network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and `reference` (AUC and QoC),
+`batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures` (files and pictures).
+"""
+
+from qocjax.batch import evaluate
+from qocjax.network import Network, kth_5g_network, paper_network, read_trace
+from qocjax.network.schedule import Rules
+from qocjax.quality import QocScale, qoc
+from qocjax.scenario import Design, Scenario
+from qocjax.simulate import Run, simulate
+from qocjax.study import Study, one_at_a_time, replay, run_study
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Design",
+    "Network",
+    "QocScale",
+    "Rules",
+    "Run",
+    "Scenario",
+    "Study",
+    "evaluate",
+    "kth_5g_network",
+    "one_at_a_time",
+    "paper_network",
+    "qoc",
+    "read_trace",
+    "replay",
+    "run_study",
+    "simulate",
+]

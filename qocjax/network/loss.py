@@ -1,0 +1,83 @@
+"""Which messages are lost: independently, or in bursts (Gilbert-Elliott)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from qocjax.network._fields import plain, store_float
+
+__all__ = ["GilbertElliott", "IndependentLoss"]
+
+
+@dataclass(frozen=True)
+class IndependentLoss:
+    """Every message is lost with the same probability, whatever happened to the others."""
+
+    probability: float = 0.0
+
+    def __post_init__(self) -> None:
+        store_float(self, "probability", least=0.0, most=1.0)
+
+    def sample(self, key: Array, num_ticks: int, num_robots: int) -> Array:
+        """Draws which messages are lost: booleans [P, N]."""
+        if self.probability == 0.0:
+            return jnp.zeros((num_ticks, num_robots), bool)
+        return jax.random.bernoulli(key, self.probability, (num_ticks, num_robots))
+
+    def describe(self) -> dict[str, Any]:
+        """Returns the process as plain values."""
+        return plain(self)
+
+
+@dataclass(frozen=True)
+class GilbertElliott:
+    """A channel that is good or bad, a two-state Markov chain over the messages; each state has its own loss.
+
+    One step of the chain per message, that is per sampling period: the mean length of a bad spell is
+    `1 / p_bad_to_good` messages. The chain starts in its stationary distribution, each robot has its own.
+    """
+
+    p_good_to_bad: float
+    p_bad_to_good: float
+    loss_good: float = 0.0
+    loss_bad: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("p_good_to_bad", "p_bad_to_good", "loss_good", "loss_bad"):
+            store_float(self, name, least=0.0, most=1.0)
+        if self.p_good_to_bad + self.p_bad_to_good == 0.0:
+            raise ValueError("GilbertElliott: got p_good_to_bad = p_bad_to_good = 0, expected at least one above 0")
+
+    @property
+    def bad_share(self) -> float:
+        """Stationary probability of the bad state."""
+        return self.p_good_to_bad / (self.p_good_to_bad + self.p_bad_to_good)
+
+    @property
+    def probability(self) -> float:
+        """Stationary probability that a message is lost."""
+        return self.loss_good + self.bad_share * (self.loss_bad - self.loss_good)
+
+    def sample(self, key: Array, num_ticks: int, num_robots: int) -> Array:
+        """Draws which messages are lost: booleans [P, N], correlated along the ticks."""
+        of_start, of_steps, of_losses = jax.random.split(key, 3)
+        dtype = jnp.result_type(float)
+        steps = jax.random.uniform(of_steps, (num_ticks, num_robots), dtype)
+        start = jax.random.bernoulli(of_start, self.bad_share, (num_robots,))
+
+        def step(bad: Array, level: Array) -> tuple[Array, Array]:
+            then = jnp.where(bad, level >= self.p_bad_to_good, level < self.p_good_to_bad)
+            return then, bad
+
+        _, bad = lax.scan(step, start, steps)
+        losses = jax.random.uniform(of_losses, (num_ticks, num_robots), dtype)
+        return losses < jnp.where(bad, self.loss_bad, self.loss_good)
+
+    def describe(self) -> dict[str, Any]:
+        """Returns the process as plain values."""
+        return plain(self)

@@ -1,0 +1,90 @@
+"""A measured trace of loop times, replayed in order, so that its correlation survives (model, section 4)."""
+
+from __future__ import annotations
+
+import warnings
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import ArrayLike
+
+from qocjax.network._fields import delay_array, no_nan, store_float
+from qocjax.network.completion import latest
+from qocjax.network.empirical import Empirical
+
+__all__ = ["Trace"]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Measured loop times, one after the other.
+
+    Every Monte Carlo seed and robot starts at a random place of its own, and goes on at the start where the trace ends.
+    Loop p takes row p, however long the measurement waited between rows, unless `period` says how long: then it takes
+    the row measured p * tau after the start, so that bursts keep their length in seconds.
+    """
+
+    delays: ArrayLike  # [L] s, inf for a lost loop; kept as a read-only float64 array
+    name: str
+    period: float | None = None  # s, between two rows of the measurement; None for one row per tick
+    source: str = ""  # where it comes from, for the record
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "delays", delay_array("Trace.delays", self.delays))
+        if self.period is not None:
+            store_float(self, "period", above=0.0)
+
+    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+        """Replays the trace for one Monte Carlo seed: loop times [P, N] (s), inf where lost.
+
+        Robots start in different parts of the trace, at different rows if there are enough. Warns, once in the life of
+        a trace, if the run is longer than the trace, which then comes round again.
+        """
+        rows = jnp.asarray(self.delays, jnp.result_type(float))
+        steps = self._steps(num_ticks, tau)
+        self._warn_if_shorter(int(steps[-1]) + 1)
+        of_seed, of_robots = jax.random.split(key)
+        part = max(rows.size // num_robots, 1)
+        start = jax.random.randint(of_seed, (), 0, rows.size) + jnp.arange(num_robots) * part
+        start += jax.random.randint(of_robots, (num_robots,), 0, part)
+        return rows[((steps % rows.size)[:, None] + start[None, :]) % rows.size]
+
+    def reliability(self, deadline: Any) -> np.ndarray:
+        """Returns the share of the loops of the trace that complete by `deadline` (s), float64, same shape.
+
+        Raises:
+            ValueError: A deadline is NaN.
+        """
+        return self._law.cdf(latest(no_nan("deadline", deadline)))
+
+    def describe(self) -> dict[str, Any]:
+        """Returns name, source, size and quantiles as plain values, not the rows."""
+        return self._law.describe() | {"kind": "Trace", "name": self.name, "period": self.period}
+
+    @cached_property
+    def _law(self) -> Empirical:
+        return Empirical(self.delays, self.source)
+
+    def _steps(self, num_ticks: int, tau: float) -> np.ndarray:
+        """Rows between the start and each tick, [P]."""
+        if self.period is None:
+            return np.arange(num_ticks)
+        return np.floor(np.arange(num_ticks) * (tau / self.period) + 1e-6).astype(int)
+
+    def _warn_if_shorter(self, needed: int) -> None:
+        rows = np.size(self.delays)
+        if needed > rows and self not in _ROUND_AGAIN:
+            _ROUND_AGAIN.add(self)
+            warnings.warn(
+                f"trace {self.name!r} has {rows} rows and a run takes {needed}: it comes round again within the run",
+                stacklevel=3,
+            )
+
+
+_ROUND_AGAIN: weakref.WeakSet[Trace] = weakref.WeakSet()  # those that have said so

@@ -1,0 +1,21 @@
+"""What is asked of the closed loop: grids, policies, statistics."""
+
+from qocjax.study.grid import SWEPT, Grid, one_at_a_time
+from qocjax.study.policies import POLICIES
+from qocjax.study.replay import replay
+from qocjax.study.statistics import Estimate, estimate, paired, standard_error
+from qocjax.study.sweep import Study, run_study
+
+__all__ = [
+    "POLICIES",
+    "SWEPT",
+    "Estimate",
+    "Grid",
+    "Study",
+    "estimate",
+    "one_at_a_time",
+    "paired",
+    "replay",
+    "run_study",
+    "standard_error",
+]

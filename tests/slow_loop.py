@@ -1,0 +1,307 @@
+"""The closed loop in plain Python: one event after the other, written from the equations of the model.
+
+Slow and independent on purpose. The kernels of the package are judged against it, so it shares no code with them.
+Sections cited are those of the model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+
+ROUNDING = 1e-6  # comparisons of times allow for this, relative
+FLOOR = 1e-6  # m, smallest distance that the control law sees
+GAUSS = list(zip(*(column.tolist() for column in np.polynomial.legendre.leggauss(5)), strict=True))
+OPTIONS = {
+    "actuation": ("deadline", "arrival", "instant"),
+    "hold": ("hold", "zero", "timeout", "decay"),
+    "reference": ("nominal", "uncapped", "follow"),
+    "normaliser": ("start", "goal_distance"),
+}
+
+
+def nearest_multiple(length: float, tau: float) -> int | None:
+    """The integer n with length = n tau up to rounding, None where there is none."""
+    ratio = length / tau
+    n = round(ratio)
+    return n if abs(ratio - n) <= ROUNDING * max(1.0, ratio) else None
+
+
+def sampling_instants(horizon: float, tau: float) -> list[float]:
+    """t_0 .. t_P in s; the last interval is cut at the horizon where tau does not divide it."""
+    whole = nearest_multiple(horizon, tau)
+    ticks = whole if whole is not None else math.ceil(horizon / tau)
+    return [p * tau for p in range(ticks)] + [horizon]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The nominal path from `start` to `goal`: straight at the cap, then exponential (section 5)."""
+
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    kappa: float
+    v_max: float
+
+    @cached_property
+    def length(self) -> float:
+        """Distance from start to goal."""
+        return math.dist(self.start, self.goal)
+
+    @cached_property
+    def corner(self) -> float:
+        """Time from which kappa |p - p*| is below the cap."""
+        if self.kappa * self.length <= self.v_max:
+            return 0.0
+        return (self.length - self.v_max / self.kappa) / self.v_max if self.v_max > 0 else math.inf
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Position at time t."""
+        if self.length == 0:
+            return self.goal
+        left = self.length - self.v_max * min(t, self.corner) if self.corner > 0 else self.length
+        share = left * math.exp(-self.kappa * max(0.0, t - self.corner)) / self.length
+        (x0, y0), (xg, yg) = self.start, self.goal
+        return xg + share * (x0 - xg), yg + share * (y0 - yg)
+
+
+@dataclass
+class Robot:
+    """A unicycle, the command in force on it, and what it has summed up so far."""
+
+    x: float
+    y: float
+    theta: float
+    goal: tuple[float, float]
+    path: Reference
+    weights: tuple[float, float]
+    nu: float = 0.0
+    omega: float = 0.0
+    sampled: float | None = None  # s, sampling instant of the command in force; None before the first
+    scale: float = 1.0  # what the hold rule leaves of the command
+    area: float = 0.0  # integral of |p - reference|²_W
+    length: float = 0.0  # integral of nu
+    effort: float = 0.0  # integral of nu² + omega²
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """(x, y, heading)."""
+        return self.x, self.y, self.theta
+
+    @property
+    def command(self) -> tuple[float, float]:
+        """The command after the hold rule (m/s, rad/s)."""
+        return self.scale * self.nu, self.scale * self.omega
+
+    def age(self, t: float) -> float:
+        """Age of the command in force, counted from t_0 = 0 before the first (section 3)."""
+        return t - (0.0 if self.sampled is None else self.sampled)
+
+    def squared_distance(self, x: float, y: float, other: tuple[float, float]) -> float:
+        """|(x, y) - other|²_W."""
+        return self.weights[0] * (x - other[0]) ** 2 + self.weights[1] * (y - other[1]) ** 2
+
+    def pose_after(self, h: float) -> tuple[float, float, float]:
+        """Pose after h seconds of the command in force: an exact arc (section 2)."""
+        nu, omega = self.command
+        a = omega * h / 2
+        chord = nu * h * (math.sin(a) / a if a else 1.0)
+        return self.x + chord * math.cos(self.theta + a), self.y + chord * math.sin(self.theta + a), self.theta + 2 * a
+
+    def move(self, t0: float, t1: float, substeps: int) -> None:
+        """Drive from t0 to t1 under one command, and sum up: 5-point Gauss on each of the substeps."""
+        nu, omega = self.command
+        self.length += nu * (t1 - t0)
+        self.effort += (nu**2 + omega**2) * (t1 - t0)
+        cuts = [t0, self.path.corner, t1] if t0 < self.path.corner < t1 else [t0, t1]
+        for left, right in pairwise(cuts):
+            half = (right - left) / (2 * substeps)
+            for part in range(substeps):
+                for node, weight in GAUSS:
+                    t = left + half * (2 * part + 1 + node)
+                    x, y, _ = self.pose_after(t - t0)
+                    self.area += half * weight * self.squared_distance(x, y, self.path.at(t))
+        self.x, self.y, self.theta = self.pose_after(t1 - t0)
+
+    def end_loop(self, sampled: float, command: tuple[float, float] | None, hold: str) -> None:
+        """A loop ends: its command takes effect, or (None) it counts as missed; an outdated end is ignored."""
+        if self.sampled is not None and sampled < self.sampled:
+            return
+        if command is not None:
+            (self.nu, self.omega), self.sampled, self.scale = command, sampled, 1.0
+        elif hold == "zero":
+            self.scale = 0.0
+
+    def apply_hold(self, t: float, deadline: float, hold: str, timeout: float, decay: float) -> None:
+        """What the hold rule makes of the command in force, at the sampling instant t (section 4)."""
+        if hold == "timeout":
+            self.scale = 0.0 if self.age(t) > timeout * (1 + ROUNDING) else 1.0
+        elif hold == "decay":
+            self.scale = math.exp(-max(0.0, self.age(t) - deadline) / decay)
+
+
+def control(i: int, robots: list[Robot], ages: list[float], design: dict[str, float]) -> tuple[float, float]:
+    """Command of robot i from the poses and ages at one sampling instant (section 3)."""
+    me = robots[i]
+    vx, vy = -design["kappa"] * (me.x - me.goal[0]), -design["kappa"] * (me.y - me.goal[1])
+    for j, other in enumerate(robots):
+        d = max(math.hypot(me.x - other.x, me.y - other.y), FLOOR)
+        d_eff = design["d_safe"] + design["c_miss"] * max(0.0, max(ages[i], ages[j]) - design["deadline"])
+        if j != i and d < d_eff:
+            push = design["eta"] * (1 / d - 1 / d_eff) / d**3
+            vx, vy = vx + push * (me.x - other.x), vy + push * (me.y - other.y)
+    # Adding 0.0 turns -0.0 into 0.0: a robot exactly at its goal then has direction 0, not pi.
+    error = math.remainder(math.atan2(vy + 0.0, vx + 0.0) - me.theta, 2 * math.pi)
+    nu = math.hypot(vx, vy) * max(math.cos(error), 0.0)
+    omega = design["gamma"] * error
+    return min(nu, design["v_max"]), max(-design["omega_max"], min(omega, design["omega_max"]))
+
+
+def effect_delay(loop_time: float, completed: bool, design: dict[str, float], actuation: str) -> tuple[int, float]:
+    """When a loop ends: (m, f) stands for f seconds after the m-th sampling instant from its own (section 4)."""
+    tau, deadline = design["tau"], design["deadline"]
+    if actuation == "instant":
+        return 0, 0.0
+    if actuation == "arrival" and completed:
+        return math.ceil(loop_time / tau - ROUNDING), 0.0
+    whole = nearest_multiple(deadline, tau)
+    if whole is not None:
+        return whole, 0.0
+    m = math.floor(deadline / tau)
+    return (m + 1, 0.0) if actuation == "arrival" else (m, deadline - m * tau)
+
+
+def make_robots(start: Any, goal: Any, kappa: float, v_max: float, per_robot: bool, weights: Any) -> list[Robot]:
+    """The robots at rest at their start, each with its goal and its reference path."""
+    starts = np.asarray(start, float)
+    goals = [(float(x), float(y)) for x, y in np.broadcast_to(np.asarray(goal, float), (len(starts), 2))]
+    if not per_robot and len(set(goals)) > 1:
+        raise ValueError(f"goal: got {goals}, expected one goal for all robots, or reference_per_robot")
+    centroid = (math.fsum(starts[:, 0]) / len(starts), math.fsum(starts[:, 1]) / len(starts))
+    robots = []
+    for (x, y, theta), target in zip(starts.tolist(), goals, strict=True):
+        path = Reference((x, y) if per_robot else centroid, target, kappa, v_max)
+        robots.append(Robot(x, y, theta, target, path, weights))
+    return robots
+
+
+def arrival_time(robot: Robot, i: int, time: list[float], pose: list[Any], radius: float) -> float:
+    """First sampling instant from which robot i stays within the radius of its goal; inf if none."""
+    arrived = math.inf
+    for t, at_t in zip(reversed(time), reversed(pose), strict=True):
+        if math.dist(at_t[i][:2], robot.goal) > radius:
+            break
+        arrived = t
+    return arrived
+
+
+def simulate(
+    robots: list[Robot], time: list[float], loops: np.ndarray, design: dict[str, float],
+    actuation: str, hold: tuple[str, float, float], substeps: int,
+) -> tuple[list[Any], list[Any], list[Any], list[bool]]:  # fmt: skip
+    """Drive the robots from t_0 to t_P: poses [P+1], commands and ages [P] by tick, and which loops completed.
+
+    `hold` is (rule, timeout, decay).
+    """
+    pose, command, age, completed = [[r.pose for r in robots]], [], [], []
+    # Ends of loops, by tick: those at the sampling instant, and those some time after it.
+    at_tick: dict[int, list[Any]] = defaultdict(list)
+    after_tick: dict[int, list[Any]] = defaultdict(list)
+    for p, (t, t_next) in enumerate(pairwise(time)):
+        for robot, sampled, u in at_tick.pop(p, []):
+            robot.end_loop(sampled, u, hold[0])
+
+        age.append([r.age(t) for r in robots])
+        decided = [control(i, robots, age[p], design) for i in range(len(robots))]
+        for i, robot in enumerate(robots):
+            loop_time = float(loops[p, i])
+            completed.append(loop_time <= design["deadline"] * (1 + ROUNDING))
+            ticks, seconds = effect_delay(loop_time, completed[-1], design, actuation)
+            end = (robot, t, decided[i] if completed[-1] else None)
+            if seconds > 0:
+                after_tick[p + ticks].append((seconds, *end))
+            else:
+                at_tick[p + ticks].append(end)
+        for robot, sampled, u in at_tick.pop(p, []):  # those without delay, right after the controller
+            robot.end_loop(sampled, u, hold[0])
+
+        for r in robots:
+            r.apply_hold(t, design["deadline"], *hold)
+        command.append([r.command for r in robots])
+
+        now = t
+        for seconds, robot, sampled, u in after_tick.pop(p, []):
+            if t + seconds >= t_next:  # only where the last interval is cut short
+                break
+            for r in robots:
+                r.move(now, t + seconds, substeps)
+            now = t + seconds
+            robot.end_loop(sampled, u, hold[0])
+        for r in robots:
+            r.move(now, t_next, substeps)
+        pose.append([r.pose for r in robots])
+    return pose, command, age, completed
+
+
+def run(
+    start: Any, goal: Any, horizon: float, design: dict[str, float], loop_times: Any, *,
+    actuation: str = "deadline", hold: str = "hold", hold_timeout: float = 0.5, hold_decay: float = 0.5,
+    reference: str = "nominal", reference_kappa: float = 2.0, reference_v_max: float = 0.7,
+    reference_per_robot: bool = False, weights: tuple[float, float] = (1.0, 1.0), normaliser: str = "start",
+    substeps: int = 1,
+) -> dict[str, Any]:  # fmt: skip
+    """Simulate one run and score it.
+
+    `start` is [N, 3], `goal` (2,) or [N, 2], `loop_times` [P, N] in s with inf where lost; `design` has v_max,
+    omega_max, eta, kappa, gamma, c_miss, d_safe, tau, deadline. `hold_timeout` and `hold_decay` are in s.
+    `reference_kappa` and `reference_v_max` are the nominal ones; `reference_per_robot` gives each robot its own path,
+    from its start to its goal. `substeps` counts the parts, of 5 Gauss points each, of every piece between two events.
+
+    Returns:
+        time [P+1], pose [P+1, N, 3], command [P, N, 2], age [P, N]; per robot auc, path_length, effort, arrival_time
+        [N]; and the numbers min_distance (inf for one robot), completed, mean_age, peak_age.
+
+    Raises:
+        ValueError: for an unknown option, a wrong shape of loop_times, or a robot whose normaliser is zero.
+    """
+    chosen = {"actuation": actuation, "hold": hold, "reference": reference, "normaliser": normaliser}
+    for name, value in chosen.items():
+        if value not in OPTIONS[name]:
+            raise ValueError(f"{name}: got {value!r}, expected one of {OPTIONS[name]}")
+    kappa, v_max = (design["kappa"], design["v_max"]) if reference == "follow" else (reference_kappa, reference_v_max)
+    v_max = math.inf if reference == "uncapped" else v_max
+    robots = make_robots(start, goal, kappa, v_max, reference_per_robot, weights)
+    scales = [r.squared_distance(r.x, r.y, r.path.start if normaliser == "start" else r.goal) for r in robots]
+    if min(scales) <= 1e-18:  # within a nanometre
+        raise ValueError(f"normaliser: {normaliser!r} gives {scales}, expected > 0; try 'goal_distance'")
+    time = sampling_instants(horizon, design["tau"])
+    loops = np.asarray(loop_times, float)
+    if loops.shape != (len(time) - 1, len(robots)) or np.isnan(loops).any():
+        raise ValueError(f"loop_times: got shape {loops.shape}, expected {(len(time) - 1, len(robots))} without NaN")
+
+    rule = (hold, hold_timeout, hold_decay)
+    pose, command, age, completed = simulate(robots, time, loops, design, actuation, rule, substeps)
+
+    pairs = combinations(range(len(robots)), 2)
+    apart = [math.dist(at_t[i][:2], at_t[j][:2]) for i, j in pairs for at_t in pose]
+    reach = 2 * design["d_safe"]
+    return {
+        "time": np.array(time),
+        "pose": np.array(pose),
+        "command": np.array(command),
+        "age": np.array(age),
+        "auc": np.array([r.area / scale for r, scale in zip(robots, scales, strict=True)]),
+        "min_distance": min(apart, default=math.inf),
+        "path_length": np.array([r.length for r in robots]),
+        "effort": np.array([r.effort for r in robots]),
+        "arrival_time": np.array([arrival_time(r, i, time, pose, reach) for i, r in enumerate(robots)]),
+        "completed": float(np.mean(completed)),
+        "mean_age": float(np.mean(age)),
+        "peak_age": float(np.max(age)),
+    }

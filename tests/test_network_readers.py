@@ -1,0 +1,168 @@
+"""Readers: what is taken in, and the place that an error names."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qocjax.network import read_histogram, read_samples, read_trace
+
+
+@pytest.fixture
+def write(tmp_path: Path):  # noqa: ANN201
+    """A function that writes a file and returns its path."""
+
+    def to_file(text: str, name: str = "loops.csv") -> Path:
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return to_file
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
+def test_units(write, unit: str, factor: float) -> None:
+    trace = read_trace(write("rtt\n34\n120\n"), "rtt", unit)
+    np.testing.assert_allclose(trace.delays, [34 * factor, 120 * factor], rtol=1e-15)
+    assert trace.name == "loops" and trace.source.endswith("loops.csv")
+
+
+def test_a_measured_100_ms_counts_for_100_ms(write) -> None:
+    assert read_trace(write("rtt\n100\n"), "rtt", "ms").reliability(0.1) == 1.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "seq,rtt,x\n1,0.1,\n2,,5\n3,inf,5\n4,LOST,5\n5,0.2,5\n",
+        "seq;rtt;x\n1;0.1;\n2;;5\n3;inf;5\n4;lost;5\n5;0.2;5\n",
+        "seq\trtt\tx\n1\t0.1\t1\n2\t\t5\n3\tinf\t5\n4\tlost\t5\n5\t0.2\t5\n",
+        "# a comment\n\n  seq rtt   x\n1 0.1 5\n2  5\n3 +Infinity 5\n4 lost 5 \n\n5   0.2\t5\n",
+        '\ufeff"seq", "rtt", "x"\r\n1, 0.1,\r\n2, ,5\r\n3,Inf,5\r\n4,lost,5\r\n5,0.2,5,,\r\n',
+    ],
+    ids=["comma", "semicolon", "tab", "blanks", "spreadsheet"],
+)
+def test_separators_and_losses(write, text: str) -> None:
+    np.testing.assert_array_equal(read_trace(write(text), "rtt", "s").delays, [0.1, math.inf, math.inf, math.inf, 0.2])
+
+
+def test_separator_may_be_given(write) -> None:
+    path = write("a,b|rtt\n1|0.1\n2|0.2\n")
+    np.testing.assert_array_equal(read_trace(path, "rtt", "s", separator="|").delays, [0.1, 0.2])
+    path = write("delay(ms) at,x\n5 1\n6 2\n")
+    np.testing.assert_array_equal(read_trace(path, "delay(ms)", "ms", separator=" ").delays, [0.005, 0.006])
+
+
+def test_sequence_orders_the_rows(write) -> None:
+    path = write("seq,rtt\n3.0,0.3\n1.0,0.1\n7.0,0.7\n2.0,inf\n")
+    np.testing.assert_array_equal(read_trace(path, "rtt", "s").delays, [0.3, 0.1, 0.7, math.inf])
+    np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="seq").delays, [0.1, math.inf, 0.3, 0.7])
+    filled = read_trace(path, "rtt", "s", sequence="seq", gaps_are_lost=True).delays
+    np.testing.assert_array_equal(filled, [0.1, math.inf, 0.3, math.inf, math.inf, math.inf, 0.7])
+
+
+def test_sequence_may_have_more_digits_than_a_float(write) -> None:
+    path = write("stamp,rtt\n1700000000000000003,0.3\n1700000000000000001,0.1\n1700000000000000002,0.2\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="stamp").delays, [0.1, 0.2, 0.3])
+
+
+def test_of_duplicates_the_smallest_delay_counts(write) -> None:
+    path = write("seq,rtt\n1,0.1\n2,inf\n2,0.3\n2,0.2\n1,0.4\n")
+    with pytest.warns(UserWarning, match=r"3 rows repeat a number of 'seq'"):
+        np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="seq").delays, [0.1, 0.2])
+
+
+def test_fields_beyond_the_names_are_left_out_aloud(write) -> None:
+    path = write("rtt x\n1 2\n1 2 3 4\n")
+    with pytest.warns(UserWarning, match="rows of 4 fields for 2 names"):
+        np.testing.assert_array_equal(read_trace(path, "rtt", "s").delays, [1.0, 1.0])
+
+
+def test_samples_are_a_law(write) -> None:
+    law = read_samples(write("rtt,x\n10,1\ninf,1\n20,1\n30,1\n"), "rtt", "ms")
+    np.testing.assert_array_equal(law.cdf([0.0099, 0.01, 0.03]), [0.0, 0.25, 0.75])
+    assert law.source.endswith("loops.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rtt\n0.1\n-0.2\n", r"loops.csv, line 3, column 'rtt': got -0.2, expected a delay >= 0"),
+        ("rtt\n0.1\n\n-inf\n", r"line 4, column 'rtt': got -inf, expected a delay >= 0"),
+        ("rtt\n0.1\nfast\n", r"line 3, column 'rtt': got 'fast', expected a number"),
+        ("rtt\n0.1\nNaN\n", r"line 3, column 'rtt': got 'NaN', expected a number"),
+        ("rtt\n1_000\n", r"line 2, column 'rtt': got '1_000', expected a number"),
+        ("rtt;x\n0,1;1\n", r"line 2, column 'rtt': got '0,1', expected a number"),
+        ("seq,delay\n1,0.1\n", r"has no column 'rtt'; its columns are 'seq', 'delay'"),
+        ("rtt,rtt\n1,2\n", r"has more than one column 'rtt'"),
+        ("rtt,x\n", r"has no row below its line of names"),
+        ("", r"has no column 'rtt'"),
+        ("rtt,x\n,1\ninf,2\n", r"column 'rtt': all 2 are lost, expected at least one delay"),
+        ("seq,rtt\n1,0.1\n2\n", r"line 3: has 1 fields, expected 2"),
+        ("seq,rtt\n1,0,1\n", r"line 2: has 3 fields, expected 2"),
+        ("seq rtt\n1 0.1\n2\n", r"line 3: has 1 fields, expected 2"),
+    ],
+)
+def test_errors_name_the_place(write, text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        read_trace(write(text), "rtt", "s")
+
+
+def test_errors_of_arguments(write, tmp_path: Path) -> None:
+    path = write("seq,time,rtt\n1,0.5,0.1\n900,inf,0.2\n")
+    with pytest.raises(ValueError, match=r"unit: got 'sec' for column 'rtt' of .*, expected 's', 'ms', 'us', 'ns'"):
+        read_trace(path, "rtt", "sec")
+    with pytest.raises(ValueError, match=r"gaps_are_lost: got True without a sequence column"):
+        read_trace(path, "rtt", "s", gaps_are_lost=True)
+    with pytest.raises(ValueError, match=r"column 'seq' spans 900 numbers in 2 rows"):
+        read_trace(path, "rtt", "s", sequence="seq", gaps_are_lost=True)
+    with pytest.raises(ValueError, match=r"line 3, column 'time': got 'inf', expected a finite number"):
+        read_trace(path, "rtt", "s", sequence="time")
+    with pytest.raises(ValueError, match=r"column 'x' has fractions"):
+        read_trace(write("x,rtt\n0.5,1\n1,1\n"), "rtt", "s", sequence="x", gaps_are_lost=True)
+    with pytest.raises(ValueError, match=r"separator: got ', ', expected one character"):
+        read_trace(path, "rtt", "s", separator=", ")
+    with pytest.raises(ValueError, match=r"none.csv: no such file"):
+        read_trace(tmp_path / "none.csv", "rtt", "s")
+    with pytest.raises(ValueError, match=r"cannot be read"):
+        read_samples(tmp_path, "rtt", "s")
+    (tmp_path / "binary").write_bytes(b"rtt\n\xff\xfe\n")
+    with pytest.raises(ValueError, match=r"is no text in UTF-8"):
+        read_samples(tmp_path / "binary", "rtt", "s")
+
+
+def _histogram(*bins: tuple[str, str]) -> str:
+    return "<histogram>" + "".join(f'<bin low="{low}">{count}</bin>\n' for low, count in bins) + "</histogram>"
+
+
+def test_histogram_is_uniform_within_its_bins(write) -> None:
+    text = _histogram(("-inf ms", "0"), ("1ms", "0"), ("2 ms", "30"), ("3ms", "0"), ("4ms", "10"), ("8 ms", "0"))
+    law = read_histogram(write(text))
+    np.testing.assert_allclose(law.cdf([0.002, 0.0025, 0.003, 0.0035, 0.006, 0.008]), [0, 0.375, 0.75, 0.75, 0.875, 1])
+    np.testing.assert_allclose(law.quantile([0.0, 1.0]), [0.002, 0.008])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (_histogram(("1ms", "1"), ("2ms", "3")), r"bin 2: has 3 delays but not two finite edges"),
+        (_histogram(("-inf ms", "1"), ("2ms", "3"), ("3ms", "0")), r"bin 1: has 1 delays but not two finite edges"),
+        (_histogram(("-1ms", "1"), ("2ms", "0")), r"bin 1: has a count below 0 s"),
+        (_histogram(("2ms", "1"), ("1ms", "0")), r"bin 2: begins at 0.001 s, expected it above 0.002 s"),
+        (_histogram(("2", "1"), ("3ms", "0")), r"bin 1: got low='2', expected a number and a unit"),
+        (_histogram(("nan ms", "1"), ("3ms", "0")), r"bin 1: got low='nan ms'"),
+        (_histogram(("2ms", "-1"), ("3ms", "0")), r"bin 1: got '-1', expected a count"),
+        (_histogram(("2ms", "0"), ("3ms", "0")), r"has no count above 0"),
+        (_histogram(), r"has 0 bins, expected two or more"),
+        ("bin,count\n", r"loops.csv: is no XML"),
+    ],
+)
+def test_histogram_errors_name_the_bin(write, text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        read_histogram(write(text))
