@@ -36,7 +36,7 @@ def test_replay_keeps_the_correlation_of_wifi(wifi: Trace) -> None:
     measured = np.corrcoef(late[1:], late[:-1])[0, 1]
     times = loop_times(wifi, jax.random.split(jax.random.key(61), 2), late.size, 1, 0.05)
     replayed = 1.0 - np.asarray(completes(times, 0.006))[..., 0]
-    assert measured > 0.3
+    assert measured > 0.15
     for seed in replayed:
         assert np.corrcoef(seed[1:], seed[:-1])[0, 1] == pytest.approx(measured, abs=0.01)
 

@@ -20,7 +20,7 @@ from qocjax.network import (
     TruncatedNormal,
 )
 
-WITH_DENSITY = {
+WITH_DENSITY: dict[str, DelayLaw] = {
     "paper": TruncatedNormal(0.20, 0.05),
     "half_normal": TruncatedNormal(0.0, 0.05),
     "two_sided": TruncatedNormal(0.02, 0.01, 0.01, 0.025),

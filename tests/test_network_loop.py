@@ -14,6 +14,7 @@ from scipy import special, stats
 
 from qocjax.network import (
     Constant,
+    DelayLaw,
     Empirical,
     GilbertElliott,
     IndependentLoss,
@@ -46,9 +47,8 @@ NETWORKS = [
 ]
 
 
-def _loop(*laws: object, loss: float = 0.0) -> LoopNetwork:
-    up, compute, down = laws
-    return LoopNetwork(uplink=Leg(up, IndependentLoss(loss)), compute=compute, downlink=Leg(down), name="loop")  # type: ignore[arg-type]
+def _loop(up: DelayLaw, compute: DelayLaw, down: DelayLaw, loss: float = 0.0) -> LoopNetwork:
+    return LoopNetwork(uplink=Leg(up, IndependentLoss(loss)), compute=compute, downlink=Leg(down), name="loop")
 
 
 def test_paper_reliability_is_the_truncated_normal() -> None:
@@ -87,7 +87,8 @@ def test_sum_of_exponentials_of_any_scales(means: tuple[float, float]) -> None:
     laws = [ShiftedGamma(0.0, 1.0, mean) for mean in means]
     (a, b), t = means, DEADLINES
     expected = 1.0 - (b * np.exp(-t / b) - a * np.exp(-t / a)) / (b - a)
-    for order in itertools.permutations([*laws, Constant(0.0)]):
+    some: list[DelayLaw] = [*laws, Constant(0.0)]
+    for order in itertools.permutations(some):
         np.testing.assert_allclose(add(order).cdf(t), expected, atol=1e-5)
 
 
@@ -102,7 +103,7 @@ def test_sum_of_samples_is_exact() -> None:
     parts[1][:20] = math.inf
     every = np.add.outer(np.add.outer(parts[0], parts[1]).ravel(), parts[2]).ravel()
     at = np.arange(60) / 1000.0
-    network = _loop(*map(Empirical, parts))
+    network = _loop(Empirical(parts[0]), Empirical(parts[1]), Empirical(parts[2]))
     expected = [np.mean(completes(every, deadline)) for deadline in at]
     np.testing.assert_allclose(network.reliability(at), expected, atol=1e-12)
 
@@ -119,31 +120,33 @@ def test_atom_plus_density_keeps_the_steep_step() -> None:
 
 @pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
 def test_draws_follow_the_reliability(network: LoopNetwork) -> None:
-    times = np.asarray(loop_times(network, jax.random.split(jax.random.key(41), 100), 2_000, 2, 0.01))
+    times = np.asarray(loop_times(network, jax.random.split(jax.random.key(41), 60), 1_000, 2, 0.01))
     at = np.quantile(times[np.isfinite(times)], [0.02, 0.2, 0.5, 0.8, 0.98])
     share = np.stack([completes(times, deadline).mean(axis=1).ravel() for deadline in at])
     spread = stats.sem(share, axis=1) + 1e-9
     assert np.all(np.abs(share.mean(axis=1) - network.reliability(at)) < 4.0 * spread + 1e-4)
     lost = 1.0 - float(network.reliability(np.inf))
-    assert np.isinf(times).mean() == pytest.approx(lost, abs=4.0 * stats.sem(np.isinf(times).mean(axis=1).ravel()) + 1e-9)
+    assert np.isinf(times).mean() == pytest.approx(
+        lost, abs=4.0 * stats.sem(np.isinf(times).mean(axis=1).ravel()) + 1e-9
+    )
 
 
-@pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
+@pytest.mark.parametrize("network", [paper_network(), BURSTY], ids=lambda network: network.name)
 def test_a_seed_does_not_depend_on_the_others(network: LoopNetwork) -> None:
     keys = jax.random.split(jax.random.key(42), 5)
     together = loop_times(network, keys, 50, 3, 0.01)
     assert together.shape == (5, 50, 3) and together.dtype == jnp.result_type(float)
-    np.testing.assert_array_equal(loop_times(network, keys[3:4], 50, 3, 0.01)[0], together[3])
-    np.testing.assert_allclose(network.draw(keys[3], 50, 3, 0.01), together[3], rtol=1e-14)  # not under jit
+    alone = jax.jit(network.draw, static_argnums=(1, 2, 3))(keys[3], 50, 3, 0.01)
+    np.testing.assert_array_equal(alone, together[3])
     assert len(np.unique(np.asarray(together)[:, :, 0], axis=0)) == 5  # seeds differ
 
 
 def test_legs_and_robots_are_independent() -> None:
     law = ShiftedGamma(0.0, 1.0, 0.01)
-    times = np.asarray(loop_times(_loop(law, law, law), jax.random.split(jax.random.key(43), 20), 2_000, 2, 0.01))
+    times = np.asarray(loop_times(_loop(law, law, law), jax.random.split(jax.random.key(43), 10), 2_000, 2, 0.01))
     assert times.var() == pytest.approx(3 * 0.01**2, rel=0.05)  # of dependent legs it would be 5 or 9 times 1e-4
-    assert abs(np.corrcoef(times[..., 0].ravel(), times[..., 1].ravel())[0, 1]) < 4.0 / np.sqrt(40_000)
-    assert abs(np.corrcoef(times[:, 1:].ravel(), times[:, :-1].ravel())[0, 1]) < 4.0 / np.sqrt(80_000)
+    assert abs(np.corrcoef(times[..., 0].ravel(), times[..., 1].ravel())[0, 1]) < 4.0 / np.sqrt(20_000)
+    assert abs(np.corrcoef(times[:, 1:].ravel(), times[:, :-1].ravel())[0, 1]) < 4.0 / np.sqrt(40_000)
 
 
 @pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
@@ -165,7 +168,7 @@ def test_networks_of_equal_parameters_are_one() -> None:
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_loop_measured_at_its_deadline_completes(dtype: type) -> None:
     milliseconds = np.arange(1, 2_000)
-    measured = (milliseconds / 1000.0).astype(dtype)
+    measured: np.ndarray = (milliseconds / 1000.0).astype(dtype)
     deadline = jnp.asarray(milliseconds, dtype) * jnp.asarray(0.001, dtype)
     assert bool(jnp.all(completes(jnp.asarray(measured), deadline)))
     assert not bool(jnp.any(completes(jnp.asarray(measured), deadline * (1 - 1e-5))))
@@ -175,7 +178,9 @@ def test_a_loop_measured_at_its_deadline_completes(dtype: type) -> None:
 def test_kth_5g_medians_add_up() -> None:
     network = kth_5g_network()
     up, down = network.uplink.delay, network.downlink.delay
-    assert up.quantile(0.5) == pytest.approx(5.6e-3, abs=2e-5) and down.quantile(0.5) == pytest.approx(5.58e-3, abs=3e-5)
+    assert up.quantile(0.5) == pytest.approx(5.6e-3, abs=2e-5) and down.quantile(0.5) == pytest.approx(
+        5.58e-3, abs=3e-5
+    )
     assert network.reliability(0.2) < paper_network().reliability(0.19)
     assert network.reliability(0.23) > paper_network().reliability(0.2)
     assert kth_5g_network(uplink_loss=0.1).reliability(0.5) == pytest.approx(0.9, abs=1e-6)

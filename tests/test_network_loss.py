@@ -11,7 +11,7 @@ from scipy import stats
 
 from qocjax.network import GilbertElliott, IndependentLoss, LossProcess
 
-TICKS, ROBOTS = 4_000, 3
+TICKS, ROBOTS = 2_000, 3
 
 
 def _draws(loss: LossProcess, seeds: int = 40, ticks: int = TICKS) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from qocjax.network import read_histogram, read_samples, read_trace
 
 
 @pytest.fixture
-def write(tmp_path: Path):  # noqa: ANN201
+def write(tmp_path: Path) -> Callable[..., Path]:
     """A function that writes a file and returns its path."""
 
     def to_file(text: str, name: str = "loops.csv") -> Path:
@@ -25,13 +26,13 @@ def write(tmp_path: Path):  # noqa: ANN201
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
-def test_units(write, unit: str, factor: float) -> None:
+def test_units(write: Callable[..., Path], unit: str, factor: float) -> None:
     trace = read_trace(write("rtt\n34\n120\n"), "rtt", unit)
-    np.testing.assert_allclose(trace.delays, [34 * factor, 120 * factor], rtol=1e-15)
+    np.testing.assert_allclose(np.asarray(trace.delays), [34 * factor, 120 * factor], rtol=1e-15)
     assert trace.name == "loops" and trace.source.endswith("loops.csv")
 
 
-def test_a_measured_100_ms_counts_for_100_ms(write) -> None:
+def test_a_measured_100_ms_counts_for_100_ms(write: Callable[..., Path]) -> None:
     assert read_trace(write("rtt\n100\n"), "rtt", "ms").reliability(0.1) == 1.0
 
 
@@ -46,18 +47,18 @@ def test_a_measured_100_ms_counts_for_100_ms(write) -> None:
     ],
     ids=["comma", "semicolon", "tab", "blanks", "spreadsheet"],
 )
-def test_separators_and_losses(write, text: str) -> None:
+def test_separators_and_losses(write: Callable[..., Path], text: str) -> None:
     np.testing.assert_array_equal(read_trace(write(text), "rtt", "s").delays, [0.1, math.inf, math.inf, math.inf, 0.2])
 
 
-def test_separator_may_be_given(write) -> None:
+def test_separator_may_be_given(write: Callable[..., Path]) -> None:
     path = write("a,b|rtt\n1|0.1\n2|0.2\n")
     np.testing.assert_array_equal(read_trace(path, "rtt", "s", separator="|").delays, [0.1, 0.2])
     path = write("delay(ms) at,x\n5 1\n6 2\n")
     np.testing.assert_array_equal(read_trace(path, "delay(ms)", "ms", separator=" ").delays, [0.005, 0.006])
 
 
-def test_sequence_orders_the_rows(write) -> None:
+def test_sequence_orders_the_rows(write: Callable[..., Path]) -> None:
     path = write("seq,rtt\n3.0,0.3\n1.0,0.1\n7.0,0.7\n2.0,inf\n")
     np.testing.assert_array_equal(read_trace(path, "rtt", "s").delays, [0.3, 0.1, 0.7, math.inf])
     np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="seq").delays, [0.1, math.inf, 0.3, 0.7])
@@ -65,26 +66,26 @@ def test_sequence_orders_the_rows(write) -> None:
     np.testing.assert_array_equal(filled, [0.1, math.inf, 0.3, math.inf, math.inf, math.inf, 0.7])
 
 
-def test_sequence_may_have_more_digits_than_a_float(write) -> None:
+def test_sequence_may_have_more_digits_than_a_float(write: Callable[..., Path]) -> None:
     path = write("stamp,rtt\n1700000000000000003,0.3\n1700000000000000001,0.1\n1700000000000000002,0.2\n")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="stamp").delays, [0.1, 0.2, 0.3])
 
 
-def test_of_duplicates_the_smallest_delay_counts(write) -> None:
+def test_of_duplicates_the_smallest_delay_counts(write: Callable[..., Path]) -> None:
     path = write("seq,rtt\n1,0.1\n2,inf\n2,0.3\n2,0.2\n1,0.4\n")
     with pytest.warns(UserWarning, match=r"3 rows repeat a number of 'seq'"):
         np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="seq").delays, [0.1, 0.2])
 
 
-def test_fields_beyond_the_names_are_left_out_aloud(write) -> None:
+def test_fields_beyond_the_names_are_left_out_aloud(write: Callable[..., Path]) -> None:
     path = write("rtt x\n1 2\n1 2 3 4\n")
     with pytest.warns(UserWarning, match="rows of 4 fields for 2 names"):
         np.testing.assert_array_equal(read_trace(path, "rtt", "s").delays, [1.0, 1.0])
 
 
-def test_samples_are_a_law(write) -> None:
+def test_samples_are_a_law(write: Callable[..., Path]) -> None:
     law = read_samples(write("rtt,x\n10,1\ninf,1\n20,1\n30,1\n"), "rtt", "ms")
     np.testing.assert_array_equal(law.cdf([0.0099, 0.01, 0.03]), [0.0, 0.25, 0.75])
     assert law.source.endswith("loops.csv")
@@ -109,12 +110,12 @@ def test_samples_are_a_law(write) -> None:
         ("seq rtt\n1 0.1\n2\n", r"line 3: has 1 fields, expected 2"),
     ],
 )
-def test_errors_name_the_place(write, text: str, message: str) -> None:
+def test_errors_name_the_place(write: Callable[..., Path], text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         read_trace(write(text), "rtt", "s")
 
 
-def test_errors_of_arguments(write, tmp_path: Path) -> None:
+def test_errors_of_arguments(write: Callable[..., Path], tmp_path: Path) -> None:
     path = write("seq,time,rtt\n1,0.5,0.1\n900,inf,0.2\n")
     with pytest.raises(ValueError, match=r"unit: got 'sec' for column 'rtt' of .*, expected 's', 'ms', 'us', 'ns'"):
         read_trace(path, "rtt", "sec")
@@ -141,7 +142,7 @@ def _histogram(*bins: tuple[str, str]) -> str:
     return "<histogram>" + "".join(f'<bin low="{low}">{count}</bin>\n' for low, count in bins) + "</histogram>"
 
 
-def test_histogram_is_uniform_within_its_bins(write) -> None:
+def test_histogram_is_uniform_within_its_bins(write: Callable[..., Path]) -> None:
     text = _histogram(("-inf ms", "0"), ("1ms", "0"), ("2 ms", "30"), ("3ms", "0"), ("4ms", "10"), ("8 ms", "0"))
     law = read_histogram(write(text))
     np.testing.assert_allclose(law.cdf([0.002, 0.0025, 0.003, 0.0035, 0.006, 0.008]), [0, 0.375, 0.75, 0.75, 0.875, 1])
@@ -163,6 +164,6 @@ def test_histogram_is_uniform_within_its_bins(write) -> None:
         ("bin,count\n", r"loops.csv: is no XML"),
     ],
 )
-def test_histogram_errors_name_the_bin(write, text: str, message: str) -> None:
+def test_histogram_errors_name_the_bin(write: Callable[..., Path], text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         read_histogram(write(text))

@@ -98,9 +98,13 @@ def _draw_values(panel: Axes, mark: str, sweep: str, table: pd.DataFrame, chosen
         colour = "k" if emphasised else shade
         text = PARAMETERS[sweep].format(value) + (" (baseline)" if emphasised else "")
         panel.plot(1e3 * deadlines, auc[index], color=colour, lw=1.6 if emphasised else 0.9,
-                   marker=marker, ms=2.5, zorder=3.5 if emphasised else 3, label=text)  # fmt: skip
+                   marker=marker, ms=2.5, clip_on=not marker, zorder=3.5 if emphasised else 3, label=text)  # fmt: skip
         low, high = auc[index] - error[index], auc[index] + error[index]
         panel.fill_between(1e3 * deadlines, low, high, color=colour, alpha=0.3, lw=0)
+        if deadlines.size == 1:  # a band needs two
+            panel.vlines(1e3 * deadlines, low, high, color=colour, lw=0.7)
+    if deadlines.size == 1:
+        panel.set_xticks(1e3 * deadlines)
     parameter = PARAMETERS[sweep]
     panel.legend(title=f"{mark}{parameter.name} {parameter.label}", loc="lower center", bbox_to_anchor=(0.5, 1.0),
                  ncols=min(4, values.size))  # fmt: skip

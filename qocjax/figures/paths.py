@@ -84,7 +84,10 @@ def check_run(run: RunLike) -> Paths:
     goal = _numbers("goal", run.goal, (2,), (robots, 2)).reshape(-1, 2)
     auc = _numbers("auc", run.auc, (robots,))
     scalars = {name: float(_numbers(name, getattr(run, name), ())) for name in ("d_safe", "robot_radius", "deadline")}
-    return Paths(time, pose, reference, goal, auc, **scalars, min_distance=float(np.asarray(run.min_distance)))
+    min_distance = float(np.asarray(run.min_distance))
+    if robots > 1 and not np.isfinite(min_distance):
+        raise ValueError(f"min_distance: got {min_distance}, expected a finite distance for {robots} robots")
+    return Paths(time, pose, reference, goal, auc, **scalars, min_distance=min_distance)
 
 
 def _numbers(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> NDArray[np.float64]:

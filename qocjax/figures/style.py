@@ -87,7 +87,7 @@ _lock = threading.RLock()
 
 @contextmanager
 def paper_style() -> Iterator[None]:
-    """Applies the settings of the figures within a `with` block and restore the caller's afterwards.
+    """Applies the settings of the figures within a `with` block and restores the caller's afterwards.
 
     One thread at a time: matplotlib's settings are global, so two interleaved blocks would restore each other's.
     """

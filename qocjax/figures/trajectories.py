@@ -59,7 +59,7 @@ def trajectories(run: RunLike, *, mark_every: float | None = None, width: float 
         if meeting is not None:
             tick, *pair = meeting
             _draw_view(panels[1], paths, colours, tick, every, pair, "-")
-            panels[1].set_title(f"closest, {paths.time[tick]:.3g} s: {paths.min_distance:.2g} m")
+            panels[1].set_title(f"closest, {paths.time[tick]:.3g} s: {_digits(paths.min_distance, 2)} m")
             _draw_view(panels[2], paths, colours, paths.time.size - 1, every, range(len(colours)), "--")
             panels[2].set_title(f"end, {paths.time[-1]:.3g} s")
         _add_legend(figure, paths, colours, every)
@@ -72,10 +72,15 @@ def _colours(robots: int) -> list[Colour]:
     return list(sequence(robots))
 
 
+def _extent(paths: Paths) -> float:
+    """Returns how wide a robot is drawn, also where it has no safety disc."""
+    return max(paths.d_safe, 3.0 * paths.robot_radius, 0.05)
+
+
 def _panels(paths: Paths, width: float, *, views: bool) -> tuple[Figure, list[Axes]]:
     """Lays out the overview and two square views, below it in one column and beside it in two. Sizes in inches."""
     points = np.concatenate([paths.pose[..., :2].reshape(-1, 2), paths.reference.reshape(-1, 2), paths.goal])
-    spread = np.maximum(np.ptp(points, axis=0) + 1.2 * max(paths.d_safe, 2.0 * paths.robot_radius), 1e-6)
+    spread = np.ptp(points, axis=0) + 1.2 * _extent(paths)
     ratio = float(np.clip(spread[1] / spread[0], 0.4, 1.4))
     label, title, legend = 0.5, 0.6, 0.55  # room for tick labels at the left, for a title and ticks below, on top
     beside = views and width > 1.5 * SINGLE_COLUMN
@@ -135,7 +140,7 @@ def _draw_view(
     _draw_goals(panel, paths)
     shown = paths.pose[tick, list(around), :2]
     centre = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
-    reach = 0.5 * float(np.ptp(shown, axis=0).max()) + 0.7 * paths.d_safe
+    reach = 0.5 * float(np.ptp(shown, axis=0).max()) + 0.7 * _extent(paths)
     panel.set_xlim(centre[0] - reach, centre[0] + reach)
     panel.set_ylim(centre[1] - reach, centre[1] + reach)
 
@@ -154,7 +159,7 @@ def _draw_disc(panel: Axes, paths: Paths, tick: int, robot: int, colour: Colour,
 def _draw_robot(panel: Axes, paths: Paths, tick: int, robot: int, colour: Colour) -> None:
     x, y, heading = paths.pose[tick, robot]
     panel.add_patch(Circle((x, y), paths.robot_radius, fc=(1.0, 1.0, 1.0, 0.7), ec=colour, lw=0.9, zorder=4.5))
-    length = 0.5 * paths.d_safe  # to the rim of the disc
+    length = 0.5 * _extent(paths)  # to the rim of the disc
     panel.quiver(x, y, length * np.cos(heading), length * np.sin(heading), angles="xy", scale_units="xy", scale=1,
                  units="inches", width=0.013, headwidth=4, headlength=4.5, color=colour, zorder=5)  # fmt: skip
 
@@ -168,7 +173,7 @@ def _draw_marks(panel: Axes, paths: Paths, colours: Sequence[Colour], every: flo
     """Dots the paths at equal times until all have arrived, with the time beside the first robot's dots."""
     span = travel_time(paths) - paths.time[0]
     times = paths.time[0] + every * np.arange(1, int(span / every + 1e-9) + 1)
-    ticks = np.minimum(np.searchsorted(paths.time, times - 1e-9), paths.time.size - 1)
+    ticks = np.searchsorted(0.5 * (paths.time[1:] + paths.time[:-1]), times)  # the nearest
     size = 2.8 if len(colours) <= _NAMED else 1.3
     for robot, colour in enumerate(colours):
         panel.plot(*paths.pose[ticks, robot, :2].T, ls="", marker="o", ms=size, color=colour, mec="w", mew=0.3,
@@ -183,7 +188,7 @@ def _draw_marks(panel: Axes, paths: Paths, colours: Sequence[Colour], every: flo
             continue
         side = np.array([-np.sin(heading), np.cos(heading)])
         side *= -1.0 if side @ (paths.pose[tick, :, :2].mean(axis=0) - (x, y)) > 0.0 else 1.0  # away from the others
-        text = panel.annotate(f"{paths.time[tick]:g} s", (x, y), tuple(8 * side), textcoords="offset points",
+        text = panel.annotate(f"{paths.time[tick]:.4g} s", (x, y), tuple(8 * side), textcoords="offset points",
                               ha="center", va="center", fontsize=6.5, color=colours[0], zorder=7)  # fmt: skip
         text.set_path_effects([Stroke(linewidth=1.5, foreground="w"), Normal()])
         taken.append(np.array([x, y]))
@@ -192,23 +197,22 @@ def _draw_marks(panel: Axes, paths: Paths, colours: Sequence[Colour], every: flo
 def _add_legend(figure: Figure, paths: Paths, colours: Sequence[Colour], every: float) -> None:
     if len(colours) <= _NAMED:
         shade = colours[0]
-        texts = [f"robot {number}, AUC {_three_digits(auc)} s" for number, auc in enumerate(paths.auc, start=1)]
+        texts = [f"robot {number}, AUC {_digits(auc, 3)} s" for number, auc in enumerate(paths.auc, start=1)]
         robots = [Line2D([], [], color=c, lw=1.2, label=text) for c, text in zip(colours, texts, strict=True)]
     else:
         shade = colours[len(colours) // 2]
-        text = f"{len(colours)} robots, mean AUC {_three_digits(paths.auc.mean())} s"
+        text = f"{len(colours)} robots, mean AUC {_digits(paths.auc.mean(), 3)} s"
         robots = [Line2D([], [], color=shade, lw=1.2, label=text)]
+    disc = r"safety disc ($d_\mathrm{safe}$)"
     others = [
         Line2D([], [], color=GREY, ls=(0, (4, 2)), lw=0.8, label="reference"),
         Line2D([], [], **_GOAL, label="goal"),
         Line2D([], [], ls="", marker="o", ms=2.8, color=shade, label=f"every {every:g} s"),
-        Line2D(
-            [], [], ls="", marker="o", ms=8, mfc="none", mec=shade, mew=0.7, label=r"safety disc ($d_\mathrm{safe}$)"
-        ),
+        Line2D([], [], ls="", marker="o", ms=8, mfc="none", mec=shade, mew=0.7, label=disc),
     ]
     title = rf"$\Delta$ = {milliseconds(paths.deadline)} ms"
     figure.legend(handles=robots + others, loc="outside upper center", ncols=3, title=title, handlelength=1.4)
 
 
-def _three_digits(number: float) -> str:
-    return f"{number:#.3g}".rstrip(".")
+def _digits(number: float, count: int) -> str:
+    return f"{number:#.{count}g}".rstrip(".")

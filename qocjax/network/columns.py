@@ -141,7 +141,10 @@ def _rows(path: Path, separator: str | None) -> Iterator[tuple[int, list[str]]]:
         if not line.strip() or line.startswith("#"):
             continue
         separator = separator or next((mark for mark in ",;\t" if mark in line), _BLANK)
-        fields = _split(line, separator, width)
+        try:
+            fields = _split(line, separator, width)
+        except csv.Error as error:
+            raise ValueError(f"{path}, line {number}: is no row of a table: {error}") from None
         width = width or len(fields)
         if len(fields) < width or (len(fields) > width and separator != _BLANK):
             raise ValueError(f"{path}, line {number}: has {len(fields)} fields, expected {width}, one for each name")
@@ -150,7 +153,9 @@ def _rows(path: Path, separator: str | None) -> Iterator[tuple[int, list[str]]]:
 
 def _split(line: str, separator: str, width: int) -> list[str]:
     """The fields of a line, without empty ones beyond `width`."""
-    fields = line.split() if separator == _BLANK else next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    fields = (
+        line.split() if separator == _BLANK else next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    )
     if len(fields) < width and separator == _BLANK:  # two blanks may enclose an empty field
         single = re.split(r"[ \t]", line)
         fields = single if not any(single[width:]) else fields
