@@ -177,7 +177,7 @@ def _simulate(scenario: Scenario, design: Design, loop_times: Array, plan: Plan)
         collided=closest < 2.0 * jnp.asarray(scenario.robot_radius),
         path_length=tally.path_length,
         effort=tally.effort,
-        arrival_time=jnp.where(arrived, (tally.last_away + 1.0) * jnp.asarray(design.tau), jnp.inf),
+        arrival_time=jnp.where(arrived, jnp.minimum((tally.last_away + 1.0) * design.tau, scenario.horizon), jnp.inf),
         completed_share=jnp.mean(network.completed),
         age_mean=jnp.mean(network.age),
         age_peak=jnp.max(network.age),

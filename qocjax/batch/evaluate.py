@@ -34,6 +34,7 @@ UNITS = {
     "tau": "s", "deadline": "s",
 }  # fmt: skip
 
+
 def evaluate(
     scenario: Scenario,
     designs: Design,
@@ -79,7 +80,7 @@ def evaluate(
         raise ValueError("dtype: got float64 without JAX's x64 mode, expected float32 or jax_enable_x64 set")
     check_start(scenario, scenario.start)
     runner = Runner(scenario, grid, network, seeds, rules, key, jnp.dtype(dtype))
-    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules)
+    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, scenario.num_robots * len(seeds))
     limit = MAX_RUNS.get(jax.default_backend(), 512) if max_runs is None else _checks.count("max_runs", max_runs)
     results = runner.empty()
     for batch, metrics in _in_parallel(runner.run, batches_of(groups, len(seeds), scenario.num_robots, limit)):

@@ -18,7 +18,12 @@ from qocjax.scenario import num_ticks
 
 __all__ = ["Batch", "Group", "batches_of", "groups_of"]
 
-MAX_SEEDS = 64  # seeds of one batch: whole vector registers, and few enough for many designs beside them
+# Seeds of one batch: whole vector registers, and few enough for many designs beside them; more where seeds abound.
+_LANES, _MANY_SEEDS, _MANY_LANES = 32, 512, 256
+
+# Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
+# all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
+_WORTH_A_PROGRAM = 2e8
 
 
 @dataclass(frozen=True)
@@ -27,9 +32,10 @@ class Group:
 
     tau: float
     deadline: float
-    ticks: int
-    mid_tick: bool
-    slots: int  # capacity of the command buffer: of the longest deadline at this tau, so that one program serves all
+    ticks: int  # P, loops in the horizon
+    length: int  # ticks of the program
+    mid_tick: bool | None  # whether commands take effect between sampling instants; None if the program is to see
+    slots: int  # capacity of the program's command buffer: for the longest deadline that it serves
     designs: np.ndarray  # indices into the grid
 
 
@@ -44,20 +50,44 @@ class Batch:
     num_seeds: int  # of the lanes, how many are real
 
 
-def groups_of(tau: np.ndarray, deadline: np.ndarray, horizon: float, rules: Rules) -> list[Group]:
-    """Groups the designs of a grid (tau [G], deadline [G], s) by sampling period, then deadline."""
+def groups_of(tau: np.ndarray, deadline: np.ndarray, horizon: float, rules: Rules, runs_each: int = 1) -> list[Group]:
+    """Groups the designs of a grid by sampling period, then deadline.
+
+    Args:
+        tau: [G] s.
+        deadline: [G] s.
+        horizon: T (s).
+        rules: Actuation and hold.
+        runs_each: Robots x seeds of each design, to weigh the work.
+    """
+    by_deadline = rules.actuation == "deadline"
+    lags = {period: _lags(deadline[tau == period], period) for period in np.unique(tau)}
+    ticks = {period: num_ticks(horizon, period) for period in lags}
+    slots = {p: 1 if rules.actuation == "instant" else min(max(lag), ticks[p]) + 2 for p, (lag, _) in lags.items()}
+    general = {p for p in lags if np.sum(tau == p) * runs_each * _program_length(ticks[p]) < _WORTH_A_PROGRAM}
+    most_slots = _next_power(max((slots[p] for p in general), default=1), 4)
     groups = []
-    for period in np.unique(tau):
-        members = np.flatnonzero(tau == period)
-        ticks = num_ticks(horizon, period)
-        lags = [int(split_deadline(np.float64(d), np.float64(period))[0]) for d in np.unique(deadline[members])]
-        slots = 1 if rules.actuation == "instant" else min(max(lags), ticks) + 2
-        for limit in np.unique(deadline[members]):
-            rest = float(split_deadline(np.float64(limit), np.float64(period))[1])
-            mid_tick = rules.actuation == "deadline" and rest > 0
-            chosen = members[deadline[members] == limit]
-            groups.append(Group(float(period), float(limit), ticks, mid_tick, slots, chosen))
+    for period, (_, rests) in lags.items():
+        for limit, rest in zip(np.unique(deadline[tau == period]), rests, strict=True):
+            program = (
+                (_program_length(ticks[period]), None if by_deadline else False, most_slots)
+                if period in general
+                else (ticks[period], by_deadline and rest > 0, slots[period])
+            )
+            chosen = np.flatnonzero((tau == period) & (deadline == limit))
+            groups.append(Group(float(period), float(limit), ticks[period], *program, chosen))
     return groups
+
+
+def _lags(deadlines: np.ndarray, tau: float) -> tuple[list[int], list[float]]:
+    """Whole sampling periods and rest of each distinct deadline."""
+    splits = [split_deadline(np.float64(limit), np.float64(tau)) for limit in np.unique(deadlines)]
+    return [int(lag) for lag, _ in splits], [float(rest) for _, rest in splits]
+
+
+def _program_length(ticks: int) -> int:
+    """Ticks of the general program for a run of that many."""
+    return 2048 * _next_power(-(-ticks // 2048), 4)
 
 
 def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: int) -> Iterator[Batch]:
@@ -69,17 +99,30 @@ def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: i
         num_robots: N; a batch holds fewer runs where each has more robots.
         max_runs: Runs of a batch with two robots.
     """
-    lanes = min(num_seeds, MAX_SEEDS)
+    lanes = min(num_seeds, _LANES if num_seeds < _MANY_SEEDS else _MANY_LANES, max(1, max_runs))
+    most_rows = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
     for tau in dict.fromkeys(group.tau for group in groups):
         for first in range(0, num_seeds, lanes):
             seeds, real_seeds = _filled(np.arange(first, min(first + lanes, num_seeds)), lanes)
             for group in (g for g in groups if g.tau == tau):
-                budget = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
-                parts = -(-len(group.designs) // budget)
-                rows = -(-len(group.designs) // parts)
+                rows = _rows(len(group.designs), most_rows)
                 for start in range(0, len(group.designs), rows):
                     designs, real_designs = _filled(group.designs[start : start + rows], rows)
                     yield Batch(group, designs, seeds, real_designs, real_seeds)
+
+
+def _rows(num_designs: int, most: int) -> int:
+    """Designs of a batch: parts of equal size where several are needed, else a power of four, so that shapes recur."""
+    parts = -(-num_designs // most)
+    return -(-num_designs // parts) if parts > 1 else min(most, _next_power(num_designs, 4))
+
+
+def _next_power(value: int, base: int) -> int:
+    """The smallest power of `base` at or above `value`."""
+    power = 1
+    while power < value:
+        power *= base
+    return power
 
 
 def _filled(indices: np.ndarray, length: int) -> tuple[np.ndarray, int]:

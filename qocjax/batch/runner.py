@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,40 +11,57 @@ from jax import Array
 
 from qocjax._math import EXACT, MAX_HALF_ANGLE, POLYNOMIAL, AngleMath
 from qocjax.batch.layout import Batch
-from qocjax.batch.xla import CompileCache
+from qocjax.batch.once import Once
+from qocjax.batch.xla import compiled
 from qocjax.closed_loop import Plan, run_closed_loop
-from qocjax.network.interface import Network, loop_times
+from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
 from qocjax.scenario import CONTINUOUS, Design, Scenario
 from qocjax.simulate import check_start
 
-__all__ = ["PER_ROBOT", "PER_RUN", "Runner", "jittered_start", "seed_keys"]
+__all__ = ["PER_ROBOT", "PER_RUN", "Runner", "draw_seeds"]
 
 PER_ROBOT = ("auc", "path_length", "effort", "arrival_time")
 PER_RUN = ("min_distance", "collided", "completed_share", "age_mean", "age_peak")
 
-_programs = CompileCache()
+_programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process
 
 
-def seed_keys(key: int, seeds: np.ndarray) -> tuple[Array, Array]:
-    """Keys of the start jitter and of the loop times of each seed, [S] each; a seed's do not depend on the others."""
-    root = jax.random.key(key)
-    both = jax.vmap(lambda s: jax.random.split(jax.random.fold_in(root, s)))(jnp.asarray(seeds))
-    return both[:, 0], both[:, 1]
+@partial(jax.jit, static_argnames=("jitter", "network", "num_ticks", "tau"))
+def draw_seeds(
+    start: Array,
+    jitter: tuple[float, float],
+    network: Network,
+    seeds: Array,
+    key: int | Array,
+    num_ticks: int,
+    tau: float,
+) -> tuple[Array, Array]:
+    """Start poses and loop times of Monte Carlo seeds; a seed's do not depend on which others are drawn with it.
 
+    Args:
+        start: [N, 3] nominal start poses.
+        jitter: Standard deviation of position (m) and heading (rad) (model, section 1).
+        network: Where loop times come from.
+        seeds: [S] whole numbers.
+        key: Root of all random numbers.
+        num_ticks: P.
+        tau: Sampling period (s).
 
-def jittered_start(scenario: Scenario, keys: Array) -> Array:
-    """Start poses of each seed, [S, N, 3]: position and heading perturbed by the scenario's jitter (model, section 1)."""
-    return _jittered(jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, keys)
-
-
-@partial(jax.jit, static_argnums=1)
-def _jittered(start: Array, jitter: tuple[float, float], keys: Array) -> Array:
+    Returns:
+        [S, N, 3] start poses and [S, P, N] loop times, in JAX's default float type.
+    """
     spread = jnp.asarray([jitter[0], jitter[0], jitter[1]], start.dtype)
-    noise = jax.vmap(lambda k: jax.random.normal(k, start.shape, start.dtype))(keys)
-    return start[None] + noise * spread[None, None, :]
+    root = jax.random.key(key)
+
+    def draw(seed: Array) -> tuple[Array, Array]:
+        of_start, of_network = jax.random.split(jax.random.fold_in(root, seed))
+        noise = jax.random.normal(of_start, start.shape, start.dtype)
+        return start + noise * spread[None, :], network.draw(of_network, num_ticks, start.shape[0], tau)
+
+    return jax.vmap(draw)(seeds)
 
 
 class Runner:
@@ -61,14 +78,13 @@ class Runner:
         dtype: np.dtype,
     ) -> None:
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
-        self.original = scenario
+        self.start, self.key = jnp.asarray(scenario.start, jnp.result_type(float)), key
         self.scenario: Scenario = jax.tree.map(lambda a: np.asarray(a, dtype), scenario)
-        self.jitter_keys, self.network_keys = seed_keys(key, seeds)
         half_turn = float(np.max(grid["omega_max"] * grid["tau"])) / 2
         polynomial = dtype == np.float32 and half_turn <= MAX_HALF_ANGLE
         self.math: AngleMath = POLYNOMIAL if polynomial else EXACT
-        # The batches of one tau and one set of seeds come in a row: two sets are enough for all workers.
-        self.draw = lru_cache(maxsize=2)(self._draw)
+        # The batches of one tau and one set of seeds come in a row: a few sets are enough for all workers.
+        self._drawn: Once[tuple[Array, Array]] = Once(capacity=4)
 
     def empty(self) -> dict[str, np.ndarray]:
         """Room for the results, [G, S, N] or [G, S]."""
@@ -79,44 +95,50 @@ class Runner:
     def run(self, batch: Batch) -> dict[str, np.ndarray]:
         """Metrics of one batch, [N, designs, seeds] or [designs, seeds]."""
         group = batch.group
-        start, times = self.draw(group.tau, group.ticks, tuple(batch.seeds.tolist()))
+        start, times = self._drawn.get((group.tau, group.length, batch.seeds.tobytes()), lambda: self._draw(batch))
         values = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in CONTINUOUS}
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
-        args = (self.scenario, Design(**values, **timing), start, times)
+        args = (self.scenario, Design(**values, **timing), start, times, np.int32(group.ticks))
         plan = Plan(self.rules, self.math, group.slots, group.mid_tick)
         leaves, structure = jax.tree.flatten(args)
         key = (plan, structure, tuple((np.shape(leaf), np.result_type(leaf)) for leaf in leaves))
-        program = _programs.get(key, lambda: jax.jit(_metrics, static_argnums=4).lower(*args, plan))
+        program = _programs.get(key, lambda: compiled(jax.jit(_metrics, static_argnums=5).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
-    def _draw(self, tau: float, ticks: int, chosen: tuple[int, ...]) -> tuple[Array, Array]:
-        """Start poses [N, 3, 1, seeds] and loop times [P, N, 1, seeds] of the chosen seeds."""
-        which = np.asarray(chosen)
-        start = jittered_start(self.original, self.jitter_keys[which])
-        times = loop_times(self.network, self.network_keys[which], ticks, self.scenario.num_robots, tau)
-        check_start(self.scenario, np.moveaxis(np.asarray(start), 0, -1))
-        return (
-            jnp.moveaxis(start.astype(self.dtype), 0, -1)[:, :, None, :],
-            jnp.moveaxis(times.astype(self.dtype), 0, -1)[:, :, None, :],
-        )
+    def _draw(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+        """Start poses [N, 3, 1, seeds] and loop times [ticks of the program, N, 1, seeds] of the seeds of a batch."""
+        group = batch.group
+        args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
+        key = (self.network, *map(np.shape, args[::3]), args[1], group.ticks, group.tau, self.start.dtype)
+        program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, group.ticks, group.tau)))
+        start, times = program(self.start, self.seeds[batch.seeds], np.int32(self.key))
+        poses = np.moveaxis(np.asarray(start, self.dtype), 0, -1)
+        check_start(self.scenario, poses)
+        loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
+        loops[: group.ticks, :, 0] = np.moveaxis(np.asarray(times), 0, -1)
+        return poses[:, :, None, :], loops
 
 
-def _metrics(scenario: Scenario, design: Design, start: Array, loop_times: Array, plan: Plan) -> dict[str, Array]:
-    """Metrics of a batch; the function that is compiled."""
+def _metrics(
+    scenario: Scenario, design: Design, start: Array, loop_times: Array, ticks: Array, plan: Plan
+) -> dict[str, Array]:
+    """Metrics of a batch; the function that is compiled. Only the first `ticks` ticks lie within the horizon."""
     tally, network, _ = run_closed_loop(scenario, design, start, loop_times, plan)
     goal = jnp.broadcast_to(jnp.asarray(scenario.goal), (start.shape[0], 2))[..., None, None]
     norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))
     closest = jnp.sqrt(tally.closest)
     rows = tally.integral.shape[1:]
-    arrived = tally.last_away < loop_times.shape[0]
+    arrival = jnp.minimum((tally.last_away + 1.0) * design.tau, scenario.horizon)
+    inside = (jnp.arange(loop_times.shape[0]) < ticks).astype(closest.dtype)[:, None, None, None]
+    loops = ticks.astype(closest.dtype) * start.shape[0]
     return {
         "auc": tally.integral / norm,
         "path_length": tally.path_length,
         "effort": tally.effort,
-        "arrival_time": jnp.where(arrived, (tally.last_away + 1.0) * design.tau, jnp.inf),
+        "arrival_time": jnp.where(tally.last_away < ticks, arrival, jnp.inf),
         "min_distance": closest,
         "collided": closest < 2.0 * scenario.robot_radius,
-        "completed_share": jnp.broadcast_to(jnp.mean(network.completed, axis=(0, 1), dtype=closest.dtype), rows),
-        "age_mean": jnp.broadcast_to(jnp.mean(network.age, axis=(0, 1)), rows),
-        "age_peak": jnp.broadcast_to(jnp.max(network.age, axis=(0, 1)), rows),
+        "completed_share": jnp.broadcast_to(jnp.sum(network.completed * inside, axis=(0, 1)) / loops, rows),
+        "age_mean": jnp.broadcast_to(jnp.sum(network.age * inside, axis=(0, 1)) / loops, rows),
+        "age_peak": jnp.broadcast_to(jnp.max(network.age * inside, axis=(0, 1)), rows),
     }

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-import threading
-from collections.abc import Callable, Hashable
-from concurrent.futures import Future
 from typing import Any
 
 import jax
 
-__all__ = ["CompileCache", "num_workers", "request_whole_loop", "whole_loop_requested"]
+__all__ = ["compiled", "num_workers", "request_whole_loop", "whole_loop_requested"]
 
 # A scan is otherwise run as one call per fusion and tick, about a microsecond each; with this XLA compiles the whole
 # loop into one function. The option is read from the environment when XLA starts, so only a program may set it.
@@ -44,30 +41,8 @@ def num_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
 
 
-class CompileCache:
-    """Compiled programs by key; threads that ask for the same one wait for the first to compile it."""
-
-    def __init__(self) -> None:
-        self._programs: dict[Hashable, Future] = {}
-        self._lock = threading.Lock()
-
-    def get(self, key: Hashable, lower: Callable[[], jax.stages.Lowered]) -> jax.stages.Compiled:
-        """The program of a key, compiled from `lower()` if it is not there yet."""
-        with self._lock:
-            future, mine = self._programs.get(key), False
-            if future is None:
-                future, mine = self._programs.setdefault(key, Future()), True
-        if mine:
-            try:
-                future.set_result(_compile(lower()))
-            except BaseException as error:
-                with self._lock:
-                    del self._programs[key]
-                future.set_exception(error)
-        return future.result()
-
-
-def _compile(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
+def compiled(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
+    """Compiles a program for the device at hand."""
     if jax.default_backend() != "cpu":
         return lowered.compile()
     try:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 
-from qocjax.batch.runner import jittered_start, seed_keys
-from qocjax.network.interface import Network, loop_times
+from qocjax.batch.runner import draw_seeds
+from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
 from qocjax.simulate import Run, simulate
@@ -29,15 +30,15 @@ def replay(
         key: As of the evaluation.
     """
     rules = rules or Rules()
-    jitter_key, network_key = seed_keys(key, np.array([seed]))
-    start = jittered_start(scenario, jitter_key)[0]
     tau = float(np.asarray(design.tau))
-    ticks = num_ticks(scenario.horizon, tau)
-    times = loop_times(network, network_key, ticks, scenario.num_robots, tau)[0]
+    start, times = draw_seeds(
+        jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
+        num_ticks(scenario.horizon, tau), tau,
+    )  # fmt: skip
     return simulate(
-        replace(scenario, start=np.asarray(start)),
+        replace(scenario, start=np.asarray(start[0])),
         design,
-        np.asarray(times),
+        np.asarray(times[0]),
         rules.actuation,
         rules.hold,
         hold_timeout=rules.hold_timeout,

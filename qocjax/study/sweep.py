@@ -112,7 +112,9 @@ def _add_arrivals(designs: pd.DataFrame, arrival: np.ndarray) -> None:
     designs["arrived_share"] = arrived.mean(axis=1)
     designs["arrival_time"] = times.mean(axis=1).filled(np.inf)
     counts = np.maximum(arrived.sum(axis=1), 2)
-    designs["arrival_time_se"] = np.where(arrived.sum(axis=1) > 1, times.std(axis=1, ddof=1).filled(0), np.inf) / np.sqrt(counts)
+    designs["arrival_time_se"] = np.where(
+        arrived.sum(axis=1) > 1, times.std(axis=1, ddof=1).filled(0), np.inf
+    ) / np.sqrt(counts)
 
 
 def _choose(results: pd.DataFrame, grid: Grid, min_reliability: float) -> list[tuple[str, str, int]]:
@@ -161,6 +163,8 @@ def _judge(
 def _check_seeds(selection: Sequence[int], evaluation: Sequence[int]) -> None:
     for name, seeds in (("selection_seeds", selection), ("evaluation_seeds", evaluation)):
         if len(seeds) < 2 or len(set(seeds)) != len(seeds):
-            raise ValueError(f"{name}: got {len(seeds)} seeds, {len(set(seeds))} distinct, expected at least 2, all distinct")
+            raise ValueError(
+                f"{name}: got {len(seeds)} seeds, {len(set(seeds))} distinct, expected at least 2, all distinct"
+            )
     if common := sorted(set(selection) & set(evaluation)):
         raise ValueError(f"evaluation_seeds: got {common[0]} in both sets, expected fresh seeds")
