@@ -10,6 +10,7 @@ from pathlib import Path
 
 import hydra
 import jax
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from qocjax.batch.xla import request_whole_loop
@@ -58,4 +59,4 @@ def _set_up_jax() -> None:
 
 def output_dir() -> Path:
     """Folder of this run's results."""
-    return Path(hydra.core.hydra_config.HydraConfig.get().runtime.output_dir)
+    return Path(HydraConfig.get().runtime.output_dir)

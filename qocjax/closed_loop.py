@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from qocjax._math import AngleMath
-from qocjax.controllers import apf
+from qocjax.controllers.apf import apf
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
 from qocjax.quality import Tally
 from qocjax.reference import reference_path
@@ -137,7 +137,7 @@ def _tick(
     under_way, due = _exchange(state.under_way, command, row.tick, lag, net.source, plan)
 
     pose, applied, error = state.pose, state.applied, state.error
-    if mid_tick is False:
+    if row.reference_mid is None:  # commands take effect at sampling instants only
         applied = _choose(net.fresh, due, applied)
         first = applied.scaled(net.gain_start)
         pose, error, tally = _move(scenario, pose, error, tally, first, row.length, row.reference_end, plan.math)

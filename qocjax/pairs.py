@@ -49,7 +49,7 @@ def closest_squared(x: Array, y: Array) -> Array:
     return _over_shifts(x.shape[0], nearest, jnp.full(x.shape[1:], jnp.inf, x.dtype))
 
 
-def _over_shifts(num_robots: int, visit: Callable, total):
+def _over_shifts(num_robots: int, visit: Callable[..., T], total: T) -> T:
     """Visits the shifts 1 .. N/2; for even N the last has each pair twice, so only half of it is visited."""
     full = (num_robots - 1) // 2
     if num_robots <= _UNROLLED:

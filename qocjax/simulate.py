@@ -138,7 +138,7 @@ def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLik
     shape = np.shape(loop_times)
     if _checks.is_concrete(design.tau):
         check_tau(scenario, design.tau)
-        wanted = (num_ticks(scenario.horizon, float(design.tau)), scenario.num_robots)
+        wanted = (num_ticks(scenario.horizon, float(np.asarray(design.tau))), scenario.num_robots)
         if shape != wanted:
             raise ValueError(f"loop_times: got shape {shape}, expected {wanted}: (horizon / tau, robots)")
     elif len(shape) != 2 or shape[1] != scenario.num_robots:

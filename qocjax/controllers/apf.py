@@ -30,14 +30,14 @@ def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math:
         The saturated command, [N, *B] (paper, Eqs. 4 to 8).
     """
     push_x, push_y = _repulsion(pose, age, design)
-    v_x = -design.kappa * (pose.x - goal[0]) + push_x
-    v_y = -design.kappa * (pose.y - goal[1]) + push_y
+    v_x = (goal[0] - pose.x) * design.kappa + push_x
+    v_y = (goal[1] - pose.y) * design.kappa + push_y
     # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
     along = v_x * pose.cos + v_y * pose.sin
     across = v_y * pose.cos - v_x * pose.sin
     error = math.atan2(across, along)
     nu = jnp.minimum(jnp.maximum(along, 0.0), design.v_max)
-    omega = jnp.minimum(jnp.maximum(design.gamma * error, -design.omega_max), design.omega_max)
+    omega = jnp.minimum(jnp.maximum(error * design.gamma, jnp.negative(design.omega_max)), design.omega_max)
     return Command(nu, omega)
 
 
@@ -49,6 +49,6 @@ def _repulsion(pose: Pose, age: Array, design: Design) -> tuple[Array, Array]:
         stale = jnp.maximum(jnp.maximum(age_i, age_j) - design.deadline, 0.0)
         # Written as a clipped difference: 1/d > 1/d_eff exactly where d < d_eff.
         excess = jnp.maximum(inverse - 1.0 / (design.d_safe + design.c_miss * stale), 0.0)
-        return design.eta * excess * inverse * inverse * inverse
+        return excess * design.eta * inverse * inverse * inverse
 
     return pair_forces(pose.x, pose.y, age, law)

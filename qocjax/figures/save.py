@@ -35,7 +35,9 @@ def save(figure: Figure, stem: str | Path) -> list[Path]:
     if not stem.name:
         raise ValueError(f"stem: expected a path with a file name, got '{stem}'")
     stem.parent.mkdir(parents=True, exist_ok=True)
-    return [_write(figure, stem, kind) for kind in ("png", "pdf")]
+    paths = [_write(figure, stem, "png")]
+    figure.set_layout_engine("none")  # it is laid out now, and need not be again for the PDF
+    return [*paths, _write(figure, stem, "pdf")]
 
 
 def _write(figure: Figure, stem: Path, kind: str) -> Path:

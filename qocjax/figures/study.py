@@ -16,7 +16,9 @@ __all__ = ["draw_study"]
 
 
 def draw_study(results: pd.DataFrame, policies: pd.DataFrame, run: RunLike, folder: Path) -> list[Path]:
-    """Draws the policies' bars, AUC against the deadline and a QoC map for each sweep, and the run's trajectories.
+    """Draws the policies' bars, AUC against the deadline, a QoC map for each sweep, and the run's trajectories.
+
+    AUC is drawn for the repulsion gain and the sampling period, as in the paper, or for what is swept without them.
 
     Args:
         results: Table of the study.
@@ -27,11 +29,12 @@ def draw_study(results: pd.DataFrame, policies: pd.DataFrame, run: RunLike, fold
     Returns:
         The files, a PNG and a PDF of each figure.
     """
-    files = save(policy_bars(policies), folder / "policies")
     sweeps = list(dict.fromkeys(results["sweep"]))
-    if {"eta", "tau"} <= set(sweeps):
-        files += save(auc_against_deadline(results, ["eta", "tau"]), folder / "auc_eta_tau")
-    for sweep in sweeps:
-        files += save(auc_against_deadline(results, sweep), folder / f"auc_{sweep}")
-        files += save(qoc_map(results, policies, sweep), folder / f"qoc_{sweep}")
-    return files + save(trajectories(run), folder / "trajectories")
+    lines = [sweep for sweep in sweeps if sweep in ("eta", "tau")] or sweeps
+    figures = {
+        "policies": policy_bars(policies),
+        "auc_" + "_".join(lines): auc_against_deadline(results, lines),
+        **{f"qoc_{sweep}": qoc_map(results, policies, sweep) for sweep in sweeps},
+        "trajectories": trajectories(run),
+    }
+    return [path for name, figure in figures.items() for path in save(figure, folder / name)]

@@ -46,7 +46,8 @@ def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadli
     names = tuple(item.name for item in fields(Design) if item.name != "deadline")
     if not grids:
         raise ValueError(f"grids: got none, expected at least one of {', '.join(names)}")
-    rows, index = [], {}
+    rows: list[tuple[str, float, float, int]] = []
+    index: dict[tuple[float, ...], int] = {}
     for name, values in grids.items():
         _checks.choice("grids", name, names)
         for value in _axis(name, values):

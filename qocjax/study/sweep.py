@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from qocjax import _checks
-from qocjax.batch import evaluate
+from qocjax.batch.evaluate import evaluate
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale, qoc
