@@ -1,14 +1,15 @@
 """qocjax: quality of control for robots that are steered from the edge over a wireless network.
 
     run = qocjax.simulate(qocjax.Scenario(), qocjax.Design(deadline=0.2), loop_times)
-    metrics = qocjax.evaluate(qocjax.Scenario(), qocjax.Design(kappa=[1.0, 2.0, 3.0]), qocjax.paper_network(), range(32))
+    designs = qocjax.Design(kappa=[1.0, 2.0, 3.0])
+    metrics = qocjax.evaluate(qocjax.Scenario(), designs, qocjax.paper_network(), range(32))
 
-The story by module: `scenario` (what is simulated, what one may choose), `unicycle` (the robot), `controllers` (the law),
-`network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and `reference` (AUC and QoC),
-`batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures` (files and pictures).
+The story by module: `scenario` (what is simulated, what one may choose), `unicycle` (the robot), `controllers` (the
+law), `network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and `reference` (AUC and
+QoC), `batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures` (files and pictures).
 """
 
-from qocjax.batch import evaluate
+from qocjax.batch import evaluate, gradient
 from qocjax.network import Network, kth_5g_network, paper_network, read_trace
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale, qoc
@@ -27,6 +28,7 @@ __all__ = [
     "Scenario",
     "Study",
     "evaluate",
+    "gradient",
     "kth_5g_network",
     "one_at_a_time",
     "paper_network",

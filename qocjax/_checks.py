@@ -8,12 +8,12 @@ from typing import Any
 import jax
 import numpy as np
 
-_PLAIN = (bool, int, float, str, bytes, list, tuple, dict, np.ndarray, np.generic, type(None))
+_NUMBERS = (int, float, np.ndarray, np.generic, jax.Array)
 
 
 def is_concrete(value: Any) -> bool:
     """Whether a value can be looked at: a tracer (under jit, grad, vmap) cannot."""
-    return isinstance(value, _PLAIN) or (isinstance(value, jax.Array) and not isinstance(value, jax.core.Tracer))
+    return not isinstance(value, jax.core.Tracer)
 
 
 def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) -> Any:
@@ -25,7 +25,7 @@ def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) 
         shape: Expected shape, None for a free length.
 
     Returns:
-        The value; lists and tuples as NumPy arrays of floats.
+        The value; what is neither a number nor an array (a list, a pandas column) as a NumPy array of floats.
 
     Raises:
         TypeError: The value is no real number or array of them.
@@ -37,23 +37,29 @@ def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) 
     if array is None or array.dtype.kind not in "iuf":
         raise TypeError(f"{name}: got {value!r} ({type(value).__name__}), expected a real number or an array of them")
     if shape is not None and not _fits(array.shape, shape):
-        wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise ValueError(f"{name}: got shape {array.shape}, expected {wanted}")
+        wanted = ", ".join("any" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "")
+        raise ValueError(f"{name}: got shape {array.shape}, expected " + (f"({wanted})" if shape else "one number"))
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name}: got {_show(array)}, expected finite numbers")
-    return array.astype(float) if isinstance(value, (list, tuple)) else value
+    return value if isinstance(value, _NUMBERS) else array.astype(float)
 
 
 def bounded(
-    name: str, value: Any, *, above: float | None = None, least: float | None = None, most: float | None = None
+    name: str,
+    value: Any,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    shape: tuple[int | None, ...] | None = None,
 ) -> Any:
     """Checks that every number of `value` lies above `above`, at or above `least`, at or below `most`.
 
     Raises:
         TypeError: The value is no real number or array of them.
-        ValueError: A number lies outside, or is not finite.
+        ValueError: A number lies outside, or is not finite, or the shape is not the one given.
     """
-    value = numbers(name, value)
+    value = numbers(name, value, shape)
     if not is_concrete(value):
         return value
     array = np.asarray(value)
@@ -74,7 +80,7 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
         ValueError: It is another; the message lists the words.
     """
     words = tuple(allowed)
-    if value not in words:
+    if not (isinstance(value, str) and value in words):
         raise ValueError(f"{name}: got {value!r}, expected one of {', '.join(words)}")
     return value
 
@@ -96,7 +102,7 @@ def count(name: str, value: Any, least: int = 1) -> int:
 def _as_array(value: Any) -> np.ndarray | None:
     try:
         return np.asarray(value)
-    except ValueError:  # ragged nesting
+    except (ValueError, TypeError):  # ragged nesting, random keys
         return None
 
 

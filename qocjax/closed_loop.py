@@ -1,24 +1,25 @@
-"""The closed loop of the model: one readable step and one scan over the ticks (model, sections 2 to 5).
+"""The closed loop of the model: one readable tick and one scan over the ticks (model, sections 2 to 5).
 
-Every array ends in the same batch dimensions `*B`: none for one run, designs and seeds for a batch. The step is written
+Every array ends in the same batch dimensions `*B`: none for one run, designs and seeds for a batch. The tick is written
 once for both; how a batch is laid out is the business of `qocjax.batch`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
 
 from qocjax._math import AngleMath
-from qocjax.controllers.apf import apf
+from qocjax.controllers import apf
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
+from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
 from qocjax.quality import Tally
 from qocjax.reference import reference_path
-from qocjax.scenario import Design, Scenario
+from qocjax.scenario import CONTINUOUS, Design, Scenario
 from qocjax.unicycle import Command, Pose, arc, pose_from
 
 __all__ = ["Plan", "Recorded", "run_closed_loop"]
@@ -31,10 +32,11 @@ class Plan:
     Attributes:
         rules: Actuation and hold.
         math: Exact or polynomial functions of angles.
-        slots: Capacity of the buffer of commands under way, in ticks.
+        slots: Capacity of the buffer of commands under way, in ticks; 0 to scan in blocks of `lag` ticks without one.
         mid_tick: Whether commands take effect between sampling instants; None where only the run can tell (a traced
             deadline).
         record: Whether poses and commands of every tick are returned.
+        lag: Whole sampling periods of the deadline; read where there is no buffer.
     """
 
     rules: Rules
@@ -42,6 +44,7 @@ class Plan:
     slots: int
     mid_tick: bool | None
     record: bool = False
+    lag: int = 0
 
 
 class Recorded(NamedTuple):
@@ -59,7 +62,6 @@ class _State:
 
     pose: Pose
     applied: Command  # the command in force, before any hold gain
-    under_way: Command  # [slots, N, *B] commands computed in the last ticks, by tick modulo the slots in use
     error: tuple[Array, Array]  # disagreement delta at t_p
     tally: Tally
 
@@ -89,6 +91,7 @@ def run_closed_loop(
     Returns:
         The totals of each run, the schedule that the network gave, and the trajectory if the plan asks for it.
     """
+    loop_times = _whole_blocks(loop_times, plan)
     tau, deadline = jnp.asarray(design.tau), jnp.asarray(design.deadline)
     lag, rest = split_deadline(deadline, tau)
     mid_tick = rest > 0 if plan.mid_tick is None else plan.mid_tick
@@ -101,91 +104,74 @@ def run_closed_loop(
     between = None
     if mid_tick is not False:
         between = reference_path(jnp.minimum(instants[:-1] + rest, scenario.horizon), start, goal, scenario, design)
+    # Not as differences of instants: in float32 those are off by 1e-4 of a tick late in a run.
+    lengths = jnp.clip(scenario.horizon - instants[:-1], 0.0, tau)
+    rows = _Row(jnp.arange(num_ticks), lengths, network, between, (path[0][1:], path[1][1:]))
 
     pose = jax.tree.map(lambda a: jnp.broadcast_to(a, _batch_shape(start, loop_times, design)), pose_from(start))
     still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
-    under_way = jax.tree.map(lambda a: jnp.zeros((plan.slots, *a.shape), a.dtype), still)
-    state = _State(pose, still, under_way, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose))
-    goal_xy = (goal[:, 0], goal[:, 1])
-
-    def step(state: _State, row: _Row) -> tuple[_State, tuple[Pose, Command] | None]:
-        return _tick(scenario, design, goal_xy, (lag, rest, mid_tick), plan, state, row)
-
-    rows = _Row(jnp.arange(num_ticks), jnp.diff(instants), network, between, (path[0][1:], path[1][1:]))
-    state, recorded = lax.scan(step, state, rows)
-    tally = state.tally.at_instant(num_ticks, state.pose, goal_xy, design)
+    state = _State(pose, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose))
+    tick = _Tick(scenario, design, (goal[:, 0], goal[:, 1]), rest, mid_tick, plan)
+    loop = Loop(tick.sample, tick.act, still)
+    if plan.slots == 0:
+        state, recorded = in_blocks(loop, state, rows, plan.lag), None
+    else:
+        state, recorded = through_buffer(loop, state, rows, network.source, lag, plan.rules, plan.slots)
+    tally = state.tally.at_instant(num_ticks, state.pose, tick.goal, design)
     if recorded is None:
         return tally, network, None
     poses = jax.tree.map(lambda each, last: jnp.concatenate([each, last[None]]), recorded[0], state.pose)
     return tally, network, Recorded(poses, recorded[1], path)
 
 
-def _tick(
-    scenario: Scenario,
-    design: Design,
-    goal: tuple[Array, Array],
-    timing: tuple[Array, Array, bool | Array],
-    plan: Plan,
-    state: _State,
-    row: _Row,
-) -> tuple[_State, tuple[Pose, Command] | None]:
-    """One sampling period: sample and compute, let a command take effect, move; twice where one does so in between."""
-    lag, rest, mid_tick = timing
-    net = row.network
-    tally = state.tally.at_instant(row.tick, state.pose, goal, design)
-    command = apf(state.pose, net.age, goal, design, plan.math)
-    under_way, due = _exchange(state.under_way, command, row.tick, lag, net.source, plan)
+@dataclass(frozen=True)
+class _Tick:
+    """One sampling period in two halves: sample and compute; let a command take effect and move."""
 
-    pose, applied, error = state.pose, state.applied, state.error
-    if row.reference_mid is None:  # commands take effect at sampling instants only
-        applied = _choose(net.fresh, due, applied)
-        first = applied.scaled(net.gain_start)
-        pose, error, tally = _move(scenario, pose, error, tally, first, row.length, row.reference_end, plan.math)
-    else:
-        applied = _choose(net.fresh & jnp.logical_not(mid_tick), due, applied)
-        first = applied.scaled(net.gain_start)
-        h = jnp.minimum(rest, row.length)
-        pose, error, tally = _move(scenario, pose, error, tally, first, h, row.reference_mid, plan.math)
-        applied = _choose(net.fresh & mid_tick, due, applied)
-        second = applied.scaled(net.gain_mid)
-        pose, error, tally = _move(scenario, pose, error, tally, second, row.length - h, row.reference_end, plan.math)
-    out = (state.pose, first) if plan.record else None
-    return _State(pose, applied, under_way, error, tally), out
+    scenario: Scenario
+    design: Design
+    goal: tuple[Array, Array]
+    rest: Array  # from t_p to when commands take effect, where they do so between sampling instants (s)
+    mid_tick: bool | Array
+    plan: Plan
 
+    def sample(self, state: _State, row: _Row) -> tuple[_State, Command]:
+        """Reads the poses at t_p and computes the new command."""
+        tally = state.tally.at_instant(row.tick, state.pose, self.goal, self.design)
+        command = apf(state.pose, row.network.age, self.goal, self.design, self.plan.math)
+        return _State(state.pose, state.applied, state.error, tally), command
 
-def _exchange(
-    under_way: Command, command: Command, tick: Array, lag: Array, source: Array, plan: Plan
-) -> tuple[Command, Command]:
-    """Stores this tick's command and fetches the one that is due: a row of the buffer, or one per robot for `arrival`."""
-    if plan.rules.actuation == "instant":
-        return under_way, command
-    in_use = jnp.minimum(lag + 1 + (plan.rules.actuation == "arrival"), plan.slots)
-    under_way = jax.tree.map(
-        lambda all_, new: lax.dynamic_update_index_in_dim(all_, new, tick % in_use, 0), under_way, command
-    )
-    if plan.rules.actuation == "deadline":
-        row = (tick - lag) % in_use
-        return under_way, jax.tree.map(lambda all_: lax.dynamic_index_in_dim(all_, row, 0, keepdims=False), under_way)
-    index = (jnp.maximum(source, 0) % in_use)[None]
-    return under_way, jax.tree.map(
-        lambda all_: jnp.take_along_axis(all_, jnp.broadcast_to(index, (1, *all_.shape[1:])), axis=0)[0], under_way
-    )
+    def act(self, state: _State, row: _Row, due: Command) -> tuple[_State, Any]:
+        """The due command takes effect if its loop completed; the robots move, in two pieces where that is between."""
+        net = row.network
+        if row.reference_mid is None:
+            applied = _choose(net.fresh, due, state.applied)
+            first = applied.scaled(net.gain_start)
+            moved = self._move(state, applied, first, row.length, row.reference_end)
+        else:
+            applied = _choose(net.fresh & jnp.logical_not(self.mid_tick), due, state.applied)
+            first = applied.scaled(net.gain_start)
+            h = jnp.minimum(self.rest, row.length)
+            halfway = self._move(state, applied, first, h, row.reference_mid)
+            applied = _choose(net.fresh & self.mid_tick, due, applied)
+            moved = self._move(halfway, applied, applied.scaled(net.gain_mid), row.length - h, row.reference_end)
+        return moved, (state.pose, first) if self.plan.record else None
+
+    def _move(
+        self, state: _State, applied: Command, command: Command, h: Array, reference: tuple[Array, Array]
+    ) -> _State:
+        """Moves over a piece of constant command and takes it into the totals."""
+        pose = arc(state.pose, command, h, self.plan.math)
+        error = (pose.x - reference[0], pose.y - reference[1])
+        return _State(pose, applied, error, state.tally.over_piece(self.scenario, state.error, error, command, h))
 
 
-def _move(
-    scenario: Scenario,
-    pose: Pose,
-    error: tuple[Array, Array],
-    tally: Tally,
-    command: Command,
-    h: Array,
-    reference: tuple[Array, Array],
-    math: AngleMath,
-) -> tuple[Pose, tuple[Array, Array], Tally]:
-    """Moves over a piece of constant command and takes it into the totals."""
-    pose = arc(pose, command, h, math)
-    next_error = (pose.x - reference[0], pose.y - reference[1])
-    return pose, next_error, tally.over_piece(scenario, error, next_error, command, h)
+def _whole_blocks(loop_times: Array, plan: Plan) -> Array:
+    """Loop times for a multiple of the block length; ticks beyond the horizon have no length, their loops are lost."""
+    if plan.slots:
+        return loop_times
+    lost = -loop_times.shape[0] % block_length(plan.lag)
+    return jnp.concatenate([loop_times, jnp.full((lost, *loop_times.shape[1:]), jnp.inf, loop_times.dtype)])
 
 
 def _choose(fresh: Array, due: Command, held: Command) -> Command:
@@ -199,5 +185,5 @@ def _per_robot(goal: Array, start: Array) -> Array:
 
 
 def _batch_shape(start: Array, loop_times: Array, design: Design) -> tuple[int, ...]:
-    leaves = (getattr(design, name) for name in ("v_max", "omega_max", "eta", "kappa", "gamma", "c_miss", "d_safe"))
+    leaves = (getattr(design, name) for name in CONTINUOUS)
     return jnp.broadcast_shapes(start[:, 0].shape, loop_times.shape[1:], *(jnp.shape(leaf) for leaf in leaves))

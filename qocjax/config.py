@@ -1,7 +1,7 @@
 """The typed schema of every configuration, and the one place where a configuration becomes objects.
 
-Hydra composes the YAML files of `conf/`; the models below reject an unknown key and a wrong type; `build` methods turn them
-into scenarios, designs, rules and networks. After that no configuration travels.
+Hydra composes the YAML files of `conf/`; the models below reject an unknown key and a wrong type; `build` methods turn
+them into scenarios, designs, rules and networks. After that no configuration travels.
 """
 
 from __future__ import annotations
@@ -311,7 +311,7 @@ class StudyConfig(_Part):
     scenario: ScenarioConfig
     network: Annotated[LoopNetworkConfig | Kth5gConfig | TraceConfig, Field(discriminator="kind")]
     sweep: SweepConfig
-    key: int
+    key: Annotated[int, Field(ge=-(2**31), lt=2**31)]
     figures: bool
 
     def build_scenario(self) -> Scenario:
@@ -357,6 +357,8 @@ def load(model: type[M], cfg: DictConfig) -> M:
     Raises:
         ValueError: An unknown key, a missing one or a wrong type; one line for each, with its full name.
     """
+    if missing := sorted(OmegaConf.missing_keys(cfg)):
+        raise ValueError("; ".join(f"{name}: got nothing, expected a value" for name in missing))
     raw: Any = OmegaConf.to_container(cfg, resolve=True)
     try:
         return model.model_validate(raw)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax.numpy as jnp
 from jax import Array, lax
@@ -13,6 +14,7 @@ __all__ = ["closest_squared", "pair_forces"]
 _UNROLLED = 8
 
 PairLaw = Callable[[Array, Array, Array], Array]
+T = TypeVar("T")
 
 
 def pair_forces(x: Array, y: Array, other: Array, law: PairLaw) -> tuple[Array, Array]:

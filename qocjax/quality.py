@@ -1,4 +1,4 @@
-"""Quality of control: the AUC of the tracking disagreement, QoC, and the further metrics of a run (model, section 5)."""
+"""Quality of control: the AUC of the tracking disagreement, QoC, and further metrics of a run (model, section 5)."""
 
 from __future__ import annotations
 
@@ -96,7 +96,12 @@ class Tally:
         )
 
     def over_piece(
-        self, scenario: Scenario, error: tuple[Array, Array], next_error: tuple[Array, Array], command: Command, h: Array
+        self,
+        scenario: Scenario,
+        error: tuple[Array, Array],
+        next_error: tuple[Array, Array],
+        command: Command,
+        h: Array,
     ) -> Tally:
         """Takes in a piece of constant command.
 

@@ -1,4 +1,4 @@
-"""The nominal path p̄(t): straight from where the group starts to the goal, by the law without repulsion (model, section 5)."""
+"""The nominal path p̄(t): straight from the start to the goal, by the law without repulsion (model, section 5)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def reference_distance(time: Array, initial: Array, kappa: Array | float, v_max:
 
 
 def reference_origin(start: Array, per_robot: bool) -> tuple[Array, Array]:
-    """Where the reference starts, each coordinate [1 or N, *B]: the centroid of start [N, 3, *B], or each robot's own."""
+    """Where the reference starts, each coordinate [1 or N, *B]: the centroid of [N, 3, *B], or each robot's own."""
     x, y = start[:, 0], start[:, 1]
     return (x, y) if per_robot else (jnp.mean(x, axis=0, keepdims=True), jnp.mean(y, axis=0, keepdims=True))
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -22,11 +23,39 @@ TIME_TOLERANCE = 1e-6
 
 
 def num_ticks(horizon: float, tau: float) -> int:
-    """Number of sampling instants (loops) P in the horizon; where tau does not divide it, the last interval is shorter."""
+    """Number of sampling instants P in the horizon; the last interval is shorter where tau does not divide it."""
     return int(np.ceil(horizon / tau - TIME_TOLERANCE))
 
 
-@jax.tree_util.register_dataclass
+T = TypeVar("T")
+
+
+def _pytree(cls: type[T]) -> type[T]:
+    """Registers a dataclass whose arguments are checked as a pytree whose leaves are not.
+
+    JAX rebuilds pytrees with gradients, axes or masks as leaves, which may be negative or no numbers at all.
+    """
+    data = [item.name for item in fields(cls) if not item.metadata.get("static")]  # type: ignore[arg-type]
+    static = [item.name for item in fields(cls) if item.metadata.get("static")]  # type: ignore[arg-type]
+
+    def flatten(value: T) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        return tuple(getattr(value, name) for name in data), tuple(getattr(value, name) for name in static)
+
+    def flatten_with_keys(value: T) -> tuple[list[tuple[Any, Any]], tuple[Any, ...]]:
+        leaves, rest = flatten(value)
+        return [(jax.tree_util.GetAttrKey(name), leaf) for name, leaf in zip(data, leaves, strict=True)], rest
+
+    def unflatten(rest: tuple[Any, ...], leaves: Iterable[Any]) -> T:
+        value = object.__new__(cls)
+        for name, leaf in zip((*data, *static), (*leaves, *rest), strict=True):
+            object.__setattr__(value, name, leaf)
+        return value
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    return cls
+
+
+@_pytree
 @dataclass(frozen=True)
 class Scenario:
     """The robots, where they go, and the yardstick that a run is judged by (model, sections 1 and 5).
@@ -67,12 +96,15 @@ class Scenario:
         set_(self, "goal", _checks.numbers("goal", self.goal))
         if _checks.is_concrete(self.goal) and np.shape(self.goal) not in ((2,), (np.shape(self.start)[0], 2)):
             raise ValueError(f"goal: got shape {np.shape(self.goal)}, expected (2,) or one goal per robot (N, 2)")
-        set_(self, "horizon", float(_checks.bounded("horizon", self.horizon, above=0)))
+        set_(self, "horizon", float(_checks.bounded("horizon", self.horizon, above=0, shape=())))
         set_(self, "weights", _checks.numbers("weights", self.weights, (2,)))
         set_(self, "start_jitter", tuple(float(v) for v in _checks.numbers("start_jitter", self.start_jitter, (2,))))
         _checks.bounded("start_jitter", np.asarray(self.start_jitter), least=0)
-        for name in ("weights", "nominal_kappa", "nominal_v_max", "robot_radius"):
-            _checks.bounded(name, getattr(self, name), above=0)
+        _checks.bounded("weights", self.weights, above=0)
+        for name in ("nominal_kappa", "nominal_v_max", "robot_radius"):
+            _checks.bounded(name, getattr(self, name), above=0, shape=())
+        if not isinstance(self.reference_per_robot, (bool, np.bool_)):
+            raise TypeError(f"reference_per_robot: got {self.reference_per_robot!r}, expected True or False")
         _checks.choice("reference", self.reference, REFERENCES)
         _checks.choice("normaliser", self.normaliser, NORMALISERS)
         if not self.reference_per_robot and _checks.is_concrete(self.goal) and np.ndim(self.goal) == 2:
@@ -86,7 +118,7 @@ class Scenario:
         return np.shape(self.start)[0]
 
 
-@jax.tree_util.register_dataclass
+@_pytree
 @dataclass(frozen=True)
 class Design:
     """What one may choose: the parameters Theta of the paper with the deadline (model, section 1).
@@ -119,7 +151,8 @@ class Design:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            limit: dict[str, Any] = {"above": 0} if item.name in ("tau", "d_safe", "v_max", "omega_max") else {"least": 0}
+            positive = item.name in ("tau", "d_safe", "v_max", "omega_max")
+            limit: dict[str, Any] = {"above": 0} if positive else {"least": 0}
             object.__setattr__(self, item.name, _checks.bounded(item.name, value, **limit))
 
 

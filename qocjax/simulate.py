@@ -48,7 +48,7 @@ class Run:
     robot_radius: Array  # m
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row per sampling instant and robot: time, robot, x, y, heading, nu, omega, age (the last instant has none)."""
+        """One row per instant and robot: time, robot, x, y, heading, nu, omega, age (NaN at the last instant)."""
         instants, robots = np.shape(self.pose)[:2]
         pad = ((0, 1), (0, 0))
         columns = {name: np.asarray(self.pose)[..., k] for k, name in enumerate(("x", "y", "heading"))}
@@ -93,6 +93,9 @@ def simulate(
         ValueError: A start on the reference, loop times of the wrong shape, negative or NaN, or an unknown mode.
     """
     rules = Rules(actuation, hold, hold_timeout, hold_decay)
+    for argument, value, kind in (("scenario", scenario, Scenario), ("design", design, Design)):
+        if not isinstance(value, kind):
+            raise TypeError(f"{argument}: got {type(value).__name__}, expected a {kind.__name__}")
     for name in (*CONTINUOUS, "tau", "deadline"):
         if np.ndim(getattr(design, name)) != 0:
             raise ValueError(f"{name}: got shape {np.shape(getattr(design, name))}, expected one number")
@@ -130,7 +133,10 @@ def check_start(scenario: Scenario, start: ArrayLike) -> None:
 
 def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLike) -> Array:
     if _checks.is_concrete(loop_times):
-        values = np.asarray(loop_times)
+        try:
+            values = np.asarray(loop_times)
+        except ValueError:
+            raise ValueError("loop_times: got rows of different lengths, expected [P, N] seconds") from None
         if values.dtype.kind not in "iuf":
             raise TypeError(f"loop_times: got values of type {values.dtype}, expected seconds (inf where lost)")
         if np.isnan(values).any() or (values < 0).any():
@@ -152,8 +158,9 @@ def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]
         return False, 1
     if not (_checks.is_concrete(design.tau) and _checks.is_concrete(design.deadline)):
         return (None if rules.actuation == "deadline" else False), ticks + 2
-    lag, rest = split_deadline(np.float64(design.deadline), np.float64(design.tau))
-    return bool(rest > 0) and rules.actuation == "deadline", min(int(lag), ticks) + 2
+    with jax.ensure_compile_time_eval():  # numbers also where the caller traces something else
+        lag, rest = split_deadline(float(np.asarray(design.deadline)), float(np.asarray(design.tau)))
+    return float(rest) > 0 and rules.actuation == "deadline", min(int(lag), ticks) + 2
 
 
 @partial(jax.jit, static_argnames="plan")
@@ -166,7 +173,8 @@ def _simulate(scenario: Scenario, design: Design, loop_times: Array, plan: Plan)
     time = jnp.minimum(jnp.arange(loop_times.shape[0] + 1) * jnp.asarray(design.tau), scenario.horizon)
     arrived = tally.last_away < loop_times.shape[0]
     reference = jnp.stack(recorded.reference, axis=-1)
-    closest = jnp.sqrt(tally.closest)
+    apart = tally.closest > 0.0  # the gradient of a square root at zero is infinite
+    closest = jnp.where(apart, jnp.sqrt(jnp.where(apart, tally.closest, 1.0)), 0.0)
     return Run(
         time=time,
         pose=jnp.stack([recorded.pose.x, recorded.pose.y, recorded.pose.heading], axis=-1),
@@ -178,7 +186,7 @@ def _simulate(scenario: Scenario, design: Design, loop_times: Array, plan: Plan)
         path_length=tally.path_length,
         effort=tally.effort,
         arrival_time=jnp.where(arrived, jnp.minimum((tally.last_away + 1.0) * design.tau, scenario.horizon), jnp.inf),
-        completed_share=jnp.mean(network.completed),
+        completed_share=jnp.mean(network.completed, dtype=loop_times.dtype),
         age_mean=jnp.mean(network.age),
         age_peak=jnp.max(network.age),
         reference=reference if scenario.reference_per_robot else reference[:, 0],

@@ -123,7 +123,8 @@ def main(cfg: DictConfig) -> None:
     folder = output_dir()
     study = run(config, folder)
     print(policy_text(study.policies))
-    print(f"\nQoC is relative to J_med = {study.scale.median:.4g} s and J_max = {study.scale.largest:.4g} s of this study.")
+    scale = study.scale
+    print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
     print(f"Tables, figures and the record are in {folder}")
 
 

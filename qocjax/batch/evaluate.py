@@ -15,14 +15,14 @@ from jax.typing import DTypeLike
 
 from qocjax import _checks
 from qocjax.batch.layout import Batch, batches_of, groups_of
-from qocjax.batch.runner import PER_ROBOT, Runner
+from qocjax.batch.runner import Measure, Runner, metrics
 from qocjax.batch.xla import num_workers
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, check_tau
 from qocjax.simulate import check_start
 
-__all__ = ["MAX_RUNS", "UNITS", "evaluate"]
+__all__ = ["MAX_RUNS", "UNITS", "evaluate", "run_grid"]
 
 # Runs of one batch with two robots: what is carried stays in the second-level cache on CPUs, and fills a GPU.
 MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
@@ -71,23 +71,49 @@ def evaluate(
         TypeError: A seed is no whole number.
         ValueError: No design, no seed, a tau above the horizon, or a start on the reference.
     """
-    rules = rules or Rules()
+    limit = MAX_RUNS.get(jax.default_backend(), 512) if max_runs is None else _checks.count("max_runs", max_runs)
+    return run_grid(
+        scenario, designs, network, seeds, metrics,
+        rules=rules or Rules(), key=key, dtype=dtype, max_runs=limit, progress=progress,
+    )  # fmt: skip
+
+
+def run_grid(
+    scenario: Scenario,
+    designs: Design,
+    network: Network,
+    seeds: Sequence[int],
+    measure: Measure,
+    *,
+    rules: Rules,
+    key: int,
+    dtype: DTypeLike,
+    max_runs: int,
+    progress: Callable[[int], None] | None = None,
+    in_blocks: bool = False,
+) -> xr.Dataset:
+    """Takes a measure of every design with every seed; see `evaluate` for the arguments.
+
+    Raises:
+        TypeError: A seed is no whole number.
+        ValueError: No design, no seed, a tau above the horizon, or a start on the reference.
+    """
     grid = _as_grid(designs, scenario)
-    seeds = np.array([_checks.count("seeds", s, least=0) for s in seeds], np.int64)
-    if len(seeds) == 0:
+    numbers = np.array([_checks.count("seeds", s, least=0) for s in seeds], np.int64)
+    if len(numbers) == 0:
         raise ValueError("seeds: got none, expected at least one")
-    if jnp.dtype(dtype) == jnp.float64 and not jax.config.jax_enable_x64:
+    if jnp.dtype(dtype) == jnp.float64 and jnp.result_type(float) != jnp.float64:
         raise ValueError("dtype: got float64 without JAX's x64 mode, expected float32 or jax_enable_x64 set")
     check_start(scenario, scenario.start)
-    runner = Runner(scenario, grid, network, seeds, rules, key, jnp.dtype(dtype))
-    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, scenario.num_robots * len(seeds))
-    limit = MAX_RUNS.get(jax.default_backend(), 512) if max_runs is None else _checks.count("max_runs", max_runs)
-    results = runner.empty()
-    for batch, metrics in _in_parallel(runner.run, batches_of(groups, len(seeds), scenario.num_robots, limit)):
-        _put(results, batch, metrics)
+    runner = Runner(scenario, grid, network, numbers, rules, key, jnp.dtype(dtype), measure, in_blocks)
+    runs_each = scenario.num_robots * len(numbers)
+    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, runs_each, general=not in_blocks)
+    results: dict[str, np.ndarray] = {}
+    for batch, found in _in_parallel(runner.run, batches_of(groups, len(numbers), scenario.num_robots, max_runs)):
+        _put(results, (len(grid["tau"]), len(numbers)), batch, found)
         if progress is not None:
             progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)
-    return _labelled(results, grid, seeds, {"math": runner.math.name, "dtype": str(jnp.dtype(dtype))})
+    return _labelled(results, grid, numbers, {"math": runner.math.name, "dtype": str(jnp.dtype(dtype))})
 
 
 def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
@@ -106,38 +132,51 @@ def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
 
 def _in_parallel(run: Callable[[Batch], dict], batches: Iterable[Batch]) -> Iterator[tuple[Batch, dict]]:
     """Runs batches on the workers, a few ahead of what is taken, so that memory does not grow with the grid."""
-    workers = num_workers()
+    workers, wide = num_workers(), jnp.result_type(float) == jnp.float64
+
+    def alike(batch: Batch) -> dict[str, np.ndarray]:
+        with jax.enable_x64(wide):  # a setting of the calling thread, which others do not see by themselves
+            return run(batch)
+
     with ThreadPoolExecutor(workers) as pool:
         source = iter(batches)
-        pending: dict[Future, Batch] = {pool.submit(run, batch): batch for batch in islice(source, 2 * workers)}
+        pending: dict[Future, Batch] = {pool.submit(alike, batch): batch for batch in islice(source, 2 * workers)}
         try:
             while pending:
                 done, _ = wait(pending, return_when=FIRST_COMPLETED)
                 for future in done:
                     batch = pending.pop(future)
                     for following in islice(source, 1):
-                        pending[pool.submit(run, following)] = following
+                        pending[pool.submit(alike, following)] = following
                     yield batch, future.result()
         finally:
             for future in pending:
                 future.cancel()
 
 
-def _put(results: dict[str, np.ndarray], batch: Batch, metrics: dict[str, np.ndarray]) -> None:
-    """Writes the real rows and lanes of a batch to their places."""
+def _put(results: dict[str, np.ndarray], shape: tuple[int, int], batch: Batch, found: dict[str, np.ndarray]) -> None:
+    """Writes the real rows and lanes of a batch to their places in [G, S] or [G, S, N]."""
     rows, lanes = batch.num_designs, batch.num_seeds
     place = np.ix_(batch.designs[:rows], batch.seeds[:lanes])
-    for name, values in metrics.items():
-        real = values[..., :rows, :lanes]
-        results[name][place] = np.moveaxis(real, 0, -1) if name in PER_ROBOT else real
+    for name, values in found.items():
+        real = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
+        whole = results.setdefault(name, np.empty((*shape, *real.shape[2:]), real.dtype))
+        whole[place] = real[:rows, :lanes]
 
 
 def _labelled(
     results: dict[str, np.ndarray], grid: dict[str, np.ndarray], seeds: np.ndarray, attributes: dict[str, str]
 ) -> xr.Dataset:
-    dims = {name: ("design", "seed", "robot") if name in PER_ROBOT else ("design", "seed") for name in results}
+    dims = ("design", "seed", "robot")
     return xr.Dataset(
-        {name: (dims[name], values, {"units": UNITS[name]}) for name, values in results.items()},
-        {name: ("design", values, {"units": UNITS[name]}) for name, values in grid.items()} | {"seed": seeds},
+        {name: (dims[: values.ndim], values, {"units": unit_of(name)}) for name, values in results.items()},
+        {name: ("design", values, {"units": unit_of(name)}) for name, values in grid.items()} | {"seed": seeds},
         attributes,
     )
+
+
+def unit_of(name: str) -> str:
+    """Unit of a metric, of a value of a design, or of a derivative d_auc_<value>."""
+    if name.startswith("d_auc_"):
+        return f"{UNITS['auc']}/({UNITS[name.removeprefix('d_auc_')]})"
+    return UNITS[name]

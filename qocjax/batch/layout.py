@@ -8,8 +8,9 @@ row of them.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +24,7 @@ _LANES, _MANY_SEEDS, _MANY_LANES = 32, 512, 256
 
 # Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
 # all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
-_WORTH_A_PROGRAM = 2e8
+_WORTH_A_PROGRAM = 1e8
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class Group:
     tau: float
     deadline: float
     ticks: int  # P, loops in the horizon
+    lag: int  # whole sampling periods of the deadline
     length: int  # ticks of the program
     mid_tick: bool | None  # whether commands take effect between sampling instants; None if the program is to see
     slots: int  # capacity of the program's command buffer: for the longest deadline that it serves
@@ -50,7 +52,9 @@ class Batch:
     num_seeds: int  # of the lanes, how many are real
 
 
-def groups_of(tau: np.ndarray, deadline: np.ndarray, horizon: float, rules: Rules, runs_each: int = 1) -> list[Group]:
+def groups_of(
+    tau: np.ndarray, deadline: np.ndarray, horizon: float, rules: Rules, runs_each: int, general: bool = True
+) -> list[Group]:
     """Groups the designs of a grid by sampling period, then deadline.
 
     Args:
@@ -59,35 +63,39 @@ def groups_of(tau: np.ndarray, deadline: np.ndarray, horizon: float, rules: Rule
         horizon: T (s).
         rules: Actuation and hold.
         runs_each: Robots x seeds of each design, to weigh the work.
+        general: Whether sampling periods with little work may share general programs.
     """
-    by_deadline = rules.actuation == "deadline"
-    lags = {period: _lags(deadline[tau == period], period) for period in np.unique(tau)}
-    ticks = {period: num_ticks(horizon, period) for period in lags}
-    slots = {p: 1 if rules.actuation == "instant" else min(max(lag), ticks[p]) + 2 for p, (lag, _) in lags.items()}
-    general = {p for p in lags if np.sum(tau == p) * runs_each * _program_length(ticks[p]) < _WORTH_A_PROGRAM}
-    most_slots = _next_power(max((slots[p] for p in general), default=1), 4)
     groups = []
-    for period, (_, rests) in lags.items():
-        for limit, rest in zip(np.unique(deadline[tau == period]), rests, strict=True):
-            program = (
-                (_program_length(ticks[period]), None if by_deadline else False, most_slots)
-                if period in general
-                else (ticks[period], by_deadline and rest > 0, slots[period])
-            )
+    for period in np.unique(tau):
+        limits, ticks = np.unique(deadline[tau == period]), num_ticks(horizon, period)
+        splits = [split_deadline(np.float64(limit), np.float64(period)) for limit in limits]
+        slots = 1 if rules.actuation == "instant" else min(max(int(lag) for lag, _ in splits), ticks) + 2
+        for limit, (lag, rest) in zip(limits, splits, strict=True):
             chosen = np.flatnonzero((tau == period) & (deadline == limit))
-            groups.append(Group(float(period), float(limit), ticks[period], *program, chosen))
-    return groups
+            inside = rules.actuation == "deadline" and float(rest) > 0
+            groups.append(Group(float(period), float(limit), ticks, min(int(lag), ticks), ticks, inside, slots, chosen))
+    return _sharing(groups, rules, runs_each) if general else groups
 
 
-def _lags(deadlines: np.ndarray, tau: float) -> tuple[list[int], list[float]]:
-    """Whole sampling periods and rest of each distinct deadline."""
-    splits = [split_deadline(np.float64(limit), np.float64(tau)) for limit in np.unique(deadlines)]
-    return [int(lag) for lag, _ in splits], [float(rest) for _, rest in splits]
+def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
+    """Puts the groups of sampling periods with little work on general programs."""
+    designs = Counter[float]()
+    for group in groups:
+        designs[group.tau] += len(group.designs)
+    little = {g.tau for g in groups if designs[g.tau] * runs_each * _general_length(g.ticks) < _WORTH_A_PROGRAM}
+    slots = _next_power(max((group.slots for group in groups if group.tau in little), default=1), 4)
+    mid_tick = None if rules.actuation == "deadline" else False
+    return [
+        replace(group, length=_general_length(group.ticks), mid_tick=mid_tick, slots=slots)
+        if group.tau in little
+        else group
+        for group in groups
+    ]
 
 
-def _program_length(ticks: int) -> int:
-    """Ticks of the general program for a run of that many."""
-    return 2048 * _next_power(-(-ticks // 2048), 4)
+def _general_length(ticks: int) -> int:
+    """Ticks of the general program that a run of that many is put on."""
+    return 2048 * _next_power(-(-ticks // 2048), 2)
 
 
 def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: int) -> Iterator[Batch]:

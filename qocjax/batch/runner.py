@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -21,10 +22,11 @@ from qocjax.reference import reference_origin
 from qocjax.scenario import CONTINUOUS, Design, Scenario
 from qocjax.simulate import check_start
 
-__all__ = ["PER_ROBOT", "PER_RUN", "Runner", "draw_seeds"]
+__all__ = ["Measure", "Runner", "draw_seeds", "metrics"]
 
-PER_ROBOT = ("auc", "path_length", "effort", "arrival_time")
-PER_RUN = ("min_distance", "collided", "completed_share", "age_mean", "age_peak")
+# What is measured of a batch: (scenario, design, start, loop times, ticks within the horizon, plan) -> arrays
+# [N, designs, seeds] or [designs, seeds]. Hashable, since programs are kept by it.
+Measure = Callable[[Scenario, Design, Array, Array, Array, Plan], dict[str, Array]]
 
 _programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process
 
@@ -76,33 +78,32 @@ class Runner:
         rules: Rules,
         key: int,
         dtype: np.dtype,
+        measure: Measure,
+        in_blocks: bool = False,
     ) -> None:
+        """Casts everything to `dtype`; `in_blocks` is how reverse mode wants the loop."""
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
         self.start, self.key = jnp.asarray(scenario.start, jnp.result_type(float)), key
         self.scenario: Scenario = jax.tree.map(lambda a: np.asarray(a, dtype), scenario)
         half_turn = float(np.max(grid["omega_max"] * grid["tau"])) / 2
         polynomial = dtype == np.float32 and half_turn <= MAX_HALF_ANGLE
         self.math: AngleMath = POLYNOMIAL if polynomial else EXACT
+        self.measure, self.in_blocks = measure, in_blocks
         # The batches of one tau and one set of seeds come in a row: a few sets are enough for all workers.
-        self._drawn: Once[tuple[Array, Array]] = Once(capacity=4)
-
-    def empty(self) -> dict[str, np.ndarray]:
-        """Room for the results, [G, S, N] or [G, S]."""
-        shape = (len(self.grid["tau"]), len(self.seeds))
-        full = {name: np.empty((*shape, self.scenario.num_robots), self.dtype) for name in PER_ROBOT}
-        return full | {name: np.empty(shape, bool if name == "collided" else self.dtype) for name in PER_RUN}
+        self._drawn: Once[tuple[np.ndarray, np.ndarray]] = Once(capacity=4)
 
     def run(self, batch: Batch) -> dict[str, np.ndarray]:
-        """Metrics of one batch, [N, designs, seeds] or [designs, seeds]."""
+        """What is measured of one batch, [N, designs, seeds] or [designs, seeds]."""
         group = batch.group
         start, times = self._drawn.get((group.tau, group.length, batch.seeds.tobytes()), lambda: self._draw(batch))
         values = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in CONTINUOUS}
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
         args = (self.scenario, Design(**values, **timing), start, times, np.int32(group.ticks))
-        plan = Plan(self.rules, self.math, group.slots, group.mid_tick)
+        slots, lag = (0, group.lag) if self.in_blocks else (group.slots, 0)
+        plan = Plan(self.rules, self.math, slots, group.mid_tick, lag=lag)
         leaves, structure = jax.tree.flatten(args)
-        key = (plan, structure, tuple((np.shape(leaf), np.result_type(leaf)) for leaf in leaves))
-        program = _programs.get(key, lambda: compiled(jax.jit(_metrics, static_argnums=5).lower(*args, plan)))
+        key = (self.measure, plan, structure, tuple((np.shape(leaf), np.result_type(leaf)) for leaf in leaves))
+        program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=5).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
     def _draw(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
@@ -119,10 +120,10 @@ class Runner:
         return poses[:, :, None, :], loops
 
 
-def _metrics(
+def metrics(
     scenario: Scenario, design: Design, start: Array, loop_times: Array, ticks: Array, plan: Plan
 ) -> dict[str, Array]:
-    """Metrics of a batch; the function that is compiled. Only the first `ticks` ticks lie within the horizon."""
+    """All metrics of a batch (model, section 5). Only the first `ticks` ticks lie within the horizon."""
     tally, network, _ = run_closed_loop(scenario, design, start, loop_times, plan)
     goal = jnp.broadcast_to(jnp.asarray(scenario.goal), (start.shape[0], 2))[..., None, None]
     norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))

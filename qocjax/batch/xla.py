@@ -14,8 +14,8 @@ __all__ = ["compiled", "num_workers", "request_whole_loop", "whole_loop_requeste
 _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
 _WHOLE_LOOP_BYTES = 10**9
 
-# 512-bit registers where the machine has them (XLA's own choice is 256), and no unrolling by LLVM: a tick is long enough
-# as it is; the program is a third faster and compiles sooner.
+# 512-bit registers where the machine has them (XLA's own choice is 256), and no unrolling by LLVM: a tick is long
+# enough as it is; the program is a third faster and compiles sooner.
 _CPU_OPTIONS: dict[str, Any] = {"xla_cpu_prefer_vector_width": 512, "xla_backend_optimization_level": 1}
 
 

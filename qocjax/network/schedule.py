@@ -1,7 +1,7 @@
 """Which command is in force when, and how old it is: loop completion, actuation and hold (model, section 4).
 
-All of it depends on the loop times, the deadline and the rules alone, not on the robots' state nor on their gains: so it
-is computed once per seed and deadline, ahead of the closed loop, and shared by all designs.
+All of it depends on the loop times, the deadline and the rules alone, not on the robots' state nor on their gains: so
+it is computed once per seed and deadline, ahead of the closed loop, and shared by all designs.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from qocjax import _checks
@@ -43,8 +44,9 @@ class Rules:
     def __post_init__(self) -> None:
         _checks.choice("actuation", self.actuation, ACTUATIONS)
         _checks.choice("hold", self.hold, HOLDS)
-        _checks.bounded("hold_timeout", self.hold_timeout, above=0)
-        _checks.bounded("hold_decay", self.hold_decay, above=0)
+        for name in ("hold_timeout", "hold_decay"):  # kept as Python floats, so that rules hash
+            value = _checks.bounded(name, getattr(self, name), above=0, shape=())
+            object.__setattr__(self, name, float(np.asarray(value)))
 
 
 @jax.tree_util.register_dataclass
@@ -98,7 +100,12 @@ def schedule(
 
 
 def _newest_effective(
-    loop_times: Array, completed: Array, deadline: Array | float, tau: Array | float, rules: Rules, mid_tick: bool | Array
+    loop_times: Array,
+    completed: Array,
+    deadline: Array | float,
+    tau: Array | float,
+    rules: Rules,
+    mid_tick: bool | Array,
 ) -> tuple[Array, Array]:
     """Newest loop whose command takes effect in each tick, before and after the controller samples; -1 for none."""
     tick = _ticks_like(completed)

@@ -17,7 +17,7 @@ SWEPT = ("v_max", "eta", "tau", "kappa", "gamma", "c_miss")
 
 @dataclass(frozen=True)
 class Grid:
-    """The rows of a study and the distinct designs behind them: sweeps share their baseline, which is simulated once."""
+    """The rows of a study and the distinct designs behind them: sweeps share their baseline, simulated once."""
 
     designs: Design  # each value [G]
     sweep: np.ndarray  # [R] name of the parameter that is swept
@@ -42,6 +42,8 @@ def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadli
     Raises:
         ValueError: An unknown parameter, an empty grid or axis, a repeated or bad value.
     """
+    for item in fields(Design):
+        _checks.numbers(f"baseline.{item.name}", getattr(baseline, item.name), ())
     axis = _axis("deadline", deadlines, least=0.0)
     names = tuple(item.name for item in fields(Design) if item.name != "deadline")
     if not grids:
@@ -53,12 +55,11 @@ def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadli
         for value in _axis(name, values):
             for deadline in axis:
                 point = replace(baseline, **{name: float(value), "deadline": float(deadline)})
-                place = index.setdefault(tuple(asdict(point).values()), len(index))
+                place = index.setdefault(tuple(float(v) for v in asdict(point).values()), len(index))
                 rows.append((name, value, deadline, place))
     columns = np.array(list(index), np.float64).T
     designs = Design(**{item.name: column for item, column in zip(fields(Design), columns, strict=True)})
-    sweep, value, deadline, place = (np.array(column) for column in zip(*rows, strict=True))
-    return Grid(designs, sweep, value, deadline, place)
+    return Grid(designs, *(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _axis(name: str, values: Sequence[float], least: float | None = None) -> np.ndarray:
@@ -67,7 +68,7 @@ def _axis(name: str, values: Sequence[float], least: float | None = None) -> np.
     Raises:
         ValueError: None, one twice, or one out of range.
     """
-    array = np.atleast_1d(np.asarray(_checks.bounded(name, list(values), least=least), np.float64))
+    array = np.atleast_1d(np.asarray(_checks.bounded(name, values, least=least), np.float64))
     if array.size == 0:
         raise ValueError(f"{name}: got an empty grid, expected at least one value")
     if np.unique(array).size != array.size:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
+from qocjax import _checks
 from qocjax.batch.runner import draw_seeds
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
@@ -30,7 +31,8 @@ def replay(
         key: As of the evaluation.
     """
     rules = rules or Rules()
-    tau = float(np.asarray(design.tau))
+    _checks.count("seed", seed, least=0)
+    tau = float(np.asarray(_checks.bounded("tau", design.tau, above=0, most=scenario.horizon, shape=())))
     start, times = draw_seeds(
         jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
         num_ticks(scenario.horizon, tau), tau,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,7 +69,7 @@ def run_study(
     """
     _check_seeds(selection_seeds, evaluation_seeds)
     _checks.bounded("min_reliability", min_reliability, least=0, most=1)
-    options = {"rules": rules, "key": key, "progress": progress}
+    options: dict[str, Any] = {"rules": rules, "key": key, "progress": progress}
     runs = evaluate(scenario, grid.designs, network, selection_seeds, **options)
     scale = scale or QocScale.of(runs["auc"].values)
     results = results_table(runs, grid, network, scale)
