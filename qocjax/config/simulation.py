@@ -1,0 +1,111 @@
+"""Configuration of a simulation, and how it becomes a scenario, a design, rules and a network."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from qocjax.config.network import NetworkConfig
+from qocjax.config.part import Part
+from qocjax.network import Network
+from qocjax.network.schedule import Rules
+from qocjax.scenario import Design, Scenario
+
+__all__ = ["SimulationConfig"]
+
+
+class RobotConfig(Part):
+    """Speed caps and size."""
+
+    v_max: float
+    omega_max: float
+    radius: float
+
+
+class ControllerConfig(Part):
+    """Gains of the surrogate law at baseline."""
+
+    kappa: float
+    eta: float
+    gamma: float
+    c_miss: float
+    d_safe: float
+
+
+class LoopConfig(Part):
+    """Sampling period and what completed and missed loops do."""
+
+    tau: float
+    actuation: str
+    hold: str
+    hold_timeout: float
+    hold_decay: float
+
+    def build(self) -> Rules:
+        """Rules of actuation and hold."""
+        return Rules(self.actuation, self.hold, self.hold_timeout, self.hold_decay)
+
+
+class ReferenceConfig(Part):
+    """The yardstick."""
+
+    kind: str
+    kappa: float
+    v_max: float
+    per_robot: bool
+
+
+class ScenarioConfig(Part):
+    """Start, goal and yardstick."""
+
+    start: list[list[float]]
+    goal: list[float] | list[list[float]]
+    horizon: float
+    reference: ReferenceConfig
+    normaliser: str
+    weights: list[float]
+    start_jitter: list[float]
+
+    def build(self, robot: RobotConfig) -> Scenario:
+        """The scenario of these robots."""
+        if len({len(pose) for pose in self.start}) > 1:
+            raise ValueError(f"start: got poses of different lengths {self.start}, expected [x, y, heading] each")
+        return Scenario(
+            start=np.array(self.start, float).reshape(-1, 3) if not self.start else np.array(self.start, float),
+            goal=np.array(self.goal, float),
+            horizon=self.horizon,
+            reference=self.reference.kind,
+            nominal_kappa=self.reference.kappa,
+            nominal_v_max=self.reference.v_max,
+            reference_per_robot=self.reference.per_robot,
+            normaliser=self.normaliser,
+            weights=np.array(self.weights, float),
+            start_jitter=tuple(self.start_jitter),  # type: ignore[arg-type]
+            robot_radius=robot.radius,
+        )
+
+
+class SimulationConfig(Part):
+    """What every command line simulates: robots, controller, loop, scenario and network."""
+
+    robot: RobotConfig
+    controller: ControllerConfig
+    loop: LoopConfig
+    scenario: ScenarioConfig
+    network: NetworkConfig
+    key: Annotated[int, Field(ge=-(2**31), lt=2**31)]
+
+    def build_scenario(self) -> Scenario:
+        """Robots and yardstick."""
+        return self.scenario.build(self.robot)
+
+    def build_network(self) -> Network:
+        """Where loop times come from; reads files where it names any."""
+        return self.network.build()
+
+    def baseline(self) -> Design:
+        """The design around which parameters are swept."""
+        gains = self.controller.model_dump()
+        return Design(v_max=self.robot.v_max, omega_max=self.robot.omega_max, tau=self.loop.tau, **gains)
