@@ -35,7 +35,9 @@ def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) 
         return value
     array = None if isinstance(value, (str, bytes, bool)) else _as_array(value)
     if array is None or array.dtype.kind not in "iuf":
-        raise TypeError(f"{name}: got {value!r} ({type(value).__name__}), expected a real number or an array of them")
+        text = " ".join(repr(value).split())
+        text = text if len(text) <= 60 else text[:57] + "..."
+        raise TypeError(f"{name}: got {text} ({type(value).__name__}), expected a real number or an array of them")
     if shape is not None and not _fits(array.shape, shape):
         wanted = ", ".join("any" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "")
         raise ValueError(f"{name}: got shape {array.shape}, expected " + (f"({wanted})" if shape else "one number"))
@@ -97,6 +99,21 @@ def count(name: str, value: Any, least: int = 1) -> int:
     if value < least:
         raise ValueError(f"{name}: got {value}, expected at least {least}")
     return int(value)
+
+
+def counts(name: str, values: Any, least: int = 0, most: int = 2**32 - 1) -> list[int]:
+    """Checks that `values` are whole numbers from `least` to `most`; by default what a random key can tell apart.
+
+    Raises:
+        TypeError: They are no sequence, or one is no whole number.
+        ValueError: One is out of range.
+    """
+    if isinstance(values, (str, bytes, dict)) or not (hasattr(values, "__len__") and np.ndim(values) == 1):
+        raise TypeError(f"{name}: got {values!r} ({type(values).__name__}), expected a sequence of whole numbers")
+    found = [count(name, value, least) for value in values]
+    if found and max(found) > most:
+        raise ValueError(f"{name}: got {max(found)}, expected at most {most}")
+    return found
 
 
 def _as_array(value: Any) -> np.ndarray | None:

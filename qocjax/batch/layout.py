@@ -34,7 +34,7 @@ class Group:
     tau: float
     deadline: float
     ticks: int  # P, loops in the horizon
-    lag: int  # whole sampling periods of the deadline
+    lag: int  # whole sampling periods until a command takes effect
     length: int  # ticks of the program
     mid_tick: bool | None  # whether commands take effect between sampling instants; None if the program is to see
     slots: int  # capacity of the program's command buffer: for the longest deadline that it serves
@@ -73,7 +73,8 @@ def groups_of(
         for limit, (lag, rest) in zip(limits, splits, strict=True):
             chosen = np.flatnonzero((tau == period) & (deadline == limit))
             inside = rules.actuation == "deadline" and float(rest) > 0
-            groups.append(Group(float(period), float(limit), ticks, min(int(lag), ticks), ticks, inside, slots, chosen))
+            waits = 0 if rules.actuation == "instant" else min(int(lag), ticks)
+            groups.append(Group(float(period), float(limit), ticks, waits, ticks, inside, slots, chosen))
     return _sharing(groups, rules, runs_each) if general else groups
 
 

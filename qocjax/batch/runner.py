@@ -130,7 +130,7 @@ def metrics(
     closest = jnp.sqrt(tally.closest)
     rows = tally.integral.shape[1:]
     arrival = jnp.minimum((tally.last_away + 1.0) * design.tau, scenario.horizon)
-    inside = (jnp.arange(loop_times.shape[0]) < ticks).astype(closest.dtype)[:, None, None, None]
+    inside = (jnp.arange(network.age.shape[0]) < ticks).astype(closest.dtype)[:, None, None, None]
     loops = ticks.astype(closest.dtype) * start.shape[0]
     return {
         "auc": tally.integral / norm,
