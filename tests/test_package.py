@@ -1,0 +1,331 @@
+"""The package as people get it: the wheel in an empty folder, the command line and its refusals, every YAML file."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+import qocjax
+from qocjax.config import StudyConfig, conf_dir, load
+
+ROOT = Path(__file__).parents[1]
+CONF = ROOT / "conf"
+SWEEPS = ["v_max", "eta", "tau", "kappa", "gamma", "c_miss"]
+POLICIES = ["Co-design", "MinDelay", "MaxRel"]
+
+# What files of the configuration leave open.
+SAMPLES = {
+    "network/trace": ["network.path=loop.csv", "network.column=rtt", "network.unit=ms"],
+    "delay/samples": [f"network.compute.{item}" for item in ("path=loop.csv", "column=rtt", "unit=ms")],
+    "delay/histogram": ["network.compute.path=delays.xml"],
+}
+PLACES = {"delay": "delay@network.compute", "loss": "loss@network.uplink.loss"}
+CHOICES = sorted(str(path.relative_to(CONF).with_suffix("")) for path in CONF.glob("*/*.yaml"))
+
+SMALL = [
+    "sweep=kappa", "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[150,800]", "sweep.seeds=2",
+    "sweep.evaluation_seeds=2", "scenario.horizon=5", "figures=false",
+]  # fmt: skip
+
+# Options, and what the one line about them says.
+BAD_INPUT = {
+    "unknown key": (["+robot.wheels=2"], "robot.wheels: got an unknown option"),
+    "wrong type": (["controller.kappa=much"], "controller.kappa: got 'much', expected a valid number"),
+    "not a number": (["controller.eta=nan"], "eta: got nan, expected finite numbers"),
+    "negative period": (["loop.tau=-0.01"], "tau: got -0.01, expected > 0"),
+    "empty grid": (["sweep.grids.kappa=[]"], "kappa: got an empty grid, expected at least one value"),
+    "start on the reference": (
+        ["scenario=single", "scenario.normaliser=initial_disagreement"],
+        "disagreement 0 (initial_disagreement), expected it off the reference, or the normaliser 'goal_distance'",
+    ),
+    "nothing given": (["network=trace"], "network.path: got nothing, expected a value"),
+    "no such file": (["network=trace", *SAMPLES["network/trace"]], "loop.csv: no such file"),
+    "key too large": (["key=2147483648"], "key: got 2147483648, expected less than 2147483648"),
+}
+
+# What Hydra itself finds, before anything of ours runs; its message takes a few lines.
+BAD_OPTIONS = {
+    "unknown option": (["wheels=2"], "Could not override 'wheels'"),
+    "unknown network": (["network=carrier_pigeon"], "Could not find 'network/carrier_pigeon'"),
+    "unknown experiment": (["experiment=missing"], "Could not find 'experiment/missing'"),
+}
+
+# Runs the command line once for each list of options in one process: most of the time of such a run is its imports.
+ONE_BY_ONE = """
+import contextlib, io, json, sys
+from qocjax.sweep import main
+for options in json.loads(sys.argv[1]):
+    sys.argv = ["qocjax.sweep", *options]
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code
+    print(json.dumps([code, out.getvalue(), err.getvalue()]))
+"""
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """For commands: the checkout first on the path, and compiled programs shared among them."""
+    cache = tmp_path_factory.mktemp("xla")
+    return os.environ | {"PYTHONPATH": str(ROOT), "JAX_COMPILATION_CACHE_DIR": str(cache), "JAX_PLATFORMS": "cpu"}
+
+
+def sweep(options: list[str], folder: Path, environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    return python(sys.executable, ["-m", "qocjax.sweep", *options], folder, environment)
+
+
+def python(
+    executable: str | Path, arguments: list[str], folder: Path, environment: dict[str, str]
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(executable), *arguments], cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True,
+        encoding="utf-8", timeout=300,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def refusals(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> dict[str, tuple[int, str, str]]:
+    """Exit code, output and errors of each command with bad input."""
+    cases = BAD_INPUT | BAD_OPTIONS
+    options = json.dumps([options for options, _ in cases.values()])
+    done = python(sys.executable, ["-c", ONE_BY_ONE, options], tmp_path_factory.mktemp("refused"), environment)
+    assert done.returncode == 0, done.stderr
+    return {case: json.loads(line) for case, line in zip(cases, done.stdout.splitlines(), strict=True)}
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_ends_with_one_line_that_names_it(case: str, refusals: dict[str, tuple[int, str, str]]) -> None:
+    code, out, err = refusals[case]
+    assert (code, out) == (2, "")
+    (line,) = err.splitlines()
+    assert line.startswith("error: ")
+    assert BAD_INPUT[case][1] in line
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_unknown_options_are_refused(case: str, refusals: dict[str, tuple[int, str, str]]) -> None:
+    code, out, err = refusals[case]
+    assert (code, out) == (1, "")
+    assert BAD_OPTIONS[case][1] in err
+    assert "Traceback" not in err
+
+
+def test_a_bad_command_fails_and_leaves_nothing_behind(environment: dict[str, str], tmp_path: Path) -> None:
+    done = sweep(["loop.tau=-0.01", f"hydra.run.dir={tmp_path / 'bad'}"], tmp_path, environment)
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "error: tau: got -0.01, expected > 0\n")
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the source distribution."""
+    pytest.importorskip("build")
+    pytest.importorskip("hatchling")
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8")
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = folder.glob("qocjax-*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of a new environment with the wheel; what it depends on is taken from that of the tests."""
+    pytest.importorskip("pip")
+    home = tmp_path_factory.mktemp("fresh")
+    venv.create(home, symlinks=os.name == "posix", with_pip=False)
+    paths = sysconfig.get_paths(vars={"base": str(home), "platbase": str(home)})
+    executable = Path(paths["scripts"]) / Path(sys.executable).name
+    borrowed = {sysconfig.get_paths()[kind] for kind in ("purelib", "platlib")}
+    Path(paths["purelib"], "borrowed.pth").write_text("\n".join(borrowed), encoding="utf-8")
+    install = ["-m", "pip", "--python", str(executable), "install", "--quiet", "--no-deps", "--no-index"]
+    done = python(sys.executable, [*install, "--force-reinstall", str(wheel)], home, dict(os.environ))
+    assert done.returncode == 0, done.stderr
+    return executable
+
+
+@pytest.fixture(scope="module")
+def away(environment: dict[str, str]) -> dict[str, str]:
+    """Environment of commands that must not see the checkout."""
+    return {name: value for name, value in environment.items() if name != "PYTHONPATH"}
+
+
+@pytest.fixture(scope="module")
+def study(
+    installed: Path, away: dict[str, str], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[subprocess.CompletedProcess[str], Path]:
+    """The study `ci`, run from the wheel in an empty folder; and the folder of its results."""
+    folder = tmp_path_factory.mktemp("empty")
+    done = python(installed, ["-m", "qocjax.sweep", "experiment=ci"], folder, away)
+    assert done.returncode == 0, done.stderr
+    (results,) = (folder / "results" / "sweep").iterdir()
+    return done, results
+
+
+def test_wheel_holds_configuration_tables_and_licence(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    wanted = {f"qocjax/conf/{path.relative_to(CONF).as_posix()}" for path in CONF.rglob("*.yaml")}
+    wanted |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "qocjax").rglob("*.py")}
+    wanted |= {"qocjax/py.typed", "qocjax/network/tables/kth_5g.csv", "qocjax/network/tables/README.md"}
+    assert {name for name in names if name.startswith("qocjax/")} == wanted
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+
+
+def test_what_runs_is_the_wheel(installed: Path, away: dict[str, str], tmp_path: Path) -> None:
+    code = "import qocjax, qocjax.config, importlib.metadata as m, json; print(json.dumps([qocjax.__file__, " \
+           "str(qocjax.config.conf_dir()), qocjax.__version__, m.version('qocjax')]))"  # fmt: skip
+    done = python(installed, ["-c", code], tmp_path, away)
+    assert done.returncode == 0, done.stderr
+    package, conf, *versions = json.loads(done.stdout)
+    home = installed.parents[1].resolve()
+    assert Path(package).resolve().is_relative_to(home)
+    assert Path(conf).resolve().is_relative_to(home)
+    assert versions == [qocjax.__version__] * 2
+
+
+def test_study_prints_its_table_and_no_progress_bar(study: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    done, folder = study
+    assert "simulating" not in done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.split()[:2] for line in lines[1:19:3]] == [[name, "Co-design"] for name in SWEEPS]
+    assert lines[-1] == f"Tables, figures and the record are in {folder}"
+
+
+def test_policies_come_out_in_order(study: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    table = pd.read_csv(study[1] / "policies.csv")
+    assert not table.isna().to_numpy().any()
+    assert list(zip(table["sweep"], table["policy"], strict=True)) == [(s, p) for s in SWEEPS for p in POLICIES]
+    other = table[table["policy"] != "Co-design"]
+    best = table[table["policy"] == "Co-design"].set_index("sweep")["qoc"]
+    assert (other["qoc"].to_numpy() <= best[other["sweep"]].to_numpy()).all()
+    assert (other["difference_high"] < 0).all()
+    differences = other["qoc"].to_numpy() - best[other["sweep"]].to_numpy()
+    np.testing.assert_allclose(other["difference"], differences, atol=1e-8)
+    assert (table["qoc_low"] < table["qoc"]).all() and (table["qoc"] < table["qoc_high"]).all()
+    assert set(table.loc[table["policy"] == "MaxRel", "deadline"]) == {0.8}
+    assert set(table.loc[table["policy"] == "MinDelay", "deadline"]) == {0.1}
+
+
+def test_results_hold_the_whole_grid(study: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    table = pd.read_csv(study[1] / "results.csv")
+    config = OmegaConf.load(study[1] / "config.yaml")
+    assert not table.isna().to_numpy().any()
+    grids = {str(name): list(values) for name, values in config.sweep.grids.items()}
+    assert list(grids) == SWEEPS
+    for name, values in grids.items():
+        rows = table[table["sweep"] == name]
+        assert sorted(set(rows["value"])) == values
+        np.testing.assert_allclose(rows["value"], rows[name])
+        assert len(rows) == len(values) * len(config.sweep.deadline_ms)
+    assert table["qoc"].between(0, 1).all()
+    assert (table["diverged_share"] == 0).all()
+
+
+def test_files_can_be_read_and_agree(study: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    folder = study[1]
+    for name in ("results", "policies"):
+        parquet = pytest.importorskip("pyarrow.parquet").read_table(folder / f"{name}.parquet").to_pandas()
+        pd.testing.assert_frame_equal(pd.read_csv(folder / f"{name}.csv"), parquet, check_dtype=False, rtol=1e-8)
+    record = json.loads((folder / "record.json").read_text(encoding="utf-8"))
+    assert record["versions"]["qocjax"] == qocjax.__version__
+    assert record["j_max"] >= record["j_med"] > 0
+    figures = {path.stem for path in (folder / "figures").iterdir()}
+    assert {"policies", "trajectories", *(f"qoc_{name}" for name in SWEEPS)} <= figures
+    for path in (folder / "figures").iterdir():
+        assert path.read_bytes().startswith({".png": b"\x89PNG", ".pdf": b"%PDF"}[path.suffix])
+
+
+def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: Path) -> None:
+    done = sweep(["--help"], tmp_path, environment)
+    assert done.returncode == 0, done.stderr
+    for text in ("network: kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
+        assert text in done.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_multirun_runs_one_study_after_the_other(environment: dict[str, str], tmp_path: Path) -> None:
+    options = ["--multirun", "loop.hold=hold,zero", f"hydra.sweep.dir={tmp_path / 'both'}", *SMALL]
+    done = sweep(options, tmp_path, environment)
+    assert done.returncode == 0, done.stderr
+    scores = []
+    for number, hold in enumerate(("hold", "zero")):
+        folder = tmp_path / "both" / str(number)
+        assert OmegaConf.load(folder / "config.yaml").loop.hold == hold
+        scores.append(pd.read_csv(folder / "results.csv")["completed_share"])
+        assert not (folder / "figures").exists()
+    pd.testing.assert_series_equal(*scores)  # the same loop times
+
+
+@pytest.fixture
+def composer() -> Iterator[None]:
+    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        yield
+
+
+def composed(options: list[str]) -> StudyConfig:
+    return load(StudyConfig, compose("sweep", options))
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_every_choice_composes(choice: str, composer: None) -> None:
+    group, name = choice.split("/")
+    network = ["network=loop"] if group in PLACES else []
+    config = composed([*network, f"{PLACES.get(group, group)}={name}", *SAMPLES.get(choice, [])])
+    config.build_scenario()
+    config.loop.build()
+    if config.sweep.grids:
+        assert set(config.build_grid().sweep) == set(config.sweep.grids)
+
+
+def test_experiments_begin_with_their_command() -> None:
+    for path in (CONF / "experiment").glob("*.yaml"):
+        comment = re.match(r"(#.*\n)+", path.read_text(encoding="utf-8"))
+        assert comment is not None, path
+        assert re.search(rf"python -m qocjax\.sweep experiment={path.stem}\b", comment[0]), path
+
+
+def commands(text: str) -> Iterator[list[str]]:
+    """Options of each `python -m qocjax.sweep ...` in a text; what follows two blanks is not part of it."""
+    for line in re.sub(r"\\\n\s*", "", text).splitlines():
+        if match := re.search(r"python3? -m qocjax\.sweep([^`]*)", line):
+            yield shlex.split(re.split(r"\s{2,}", match[1])[0], comments=True)
+
+
+@pytest.mark.parametrize("document", ["README.md", "conf/help/sweep.yaml"])
+def test_commands_of_the_documents_compose(document: str, composer: None) -> None:
+    found = [
+        options for options in commands((ROOT / document).read_text(encoding="utf-8")) if "[option" not in str(options)
+    ]
+    assert len(found) > 5
+    for options in found:
+        flags = [option for option in options if option.startswith("--")]
+        assert set(flags) <= {"--multirun", "--help"}
+        jobs = [option.split(",")[0] if "--multirun" in flags and "[" not in option else option for option in options]
+        composed([option for option in jobs if option not in flags]).baseline()
+
+
+def test_code_of_the_readme_runs(environment: dict[str, str], tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    done = python(sys.executable, ["-c", code], tmp_path, environment)
+    assert done.returncode == 0, done.stderr
+    best, *others = [float(text) for text in done.stdout.splitlines()[-1].strip("[]").split()]
+    assert all(best < other for other in others)  # at this deadline the smallest goal gain is the best of the three
