@@ -61,7 +61,7 @@ def test_auc_is_that_of_evaluate() -> None:
 
 def test_batch_size_does_not_matter() -> None:
     designs = Design(kappa=[1.0, 1.5, 2.0], deadline=0.08)
-    np.testing.assert_allclose(slopes(designs, max_runs=2), slopes(designs, max_runs=512), rtol=1e-10)
+    np.testing.assert_allclose(slopes(designs, max_runs=2), slopes(designs, max_runs=512), rtol=1e-10, atol=1e-12)
 
 
 def test_float32_against_float64() -> None:

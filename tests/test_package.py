@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -13,6 +14,7 @@ import venv
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -21,7 +23,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import qocjax
-from qocjax.config import StudyConfig, conf_dir, load
+from qocjax.config import SimulationConfig, StudyConfig, conf_dir, load
 
 ROOT = Path(__file__).parents[1]
 CONF = ROOT / "conf"
@@ -35,7 +37,9 @@ SAMPLES = {
     "delay/histogram": ["network.compute.path=delays.xml"],
 }
 PLACES = {"delay": "delay@network.compute", "loss": "loss@network.uplink.loss"}
-CHOICES = sorted(str(path.relative_to(CONF).with_suffix("")) for path in CONF.glob("*/*.yaml"))
+COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
+CHOICES = sorted(path.relative_to(CONF).with_suffix("").as_posix() for path in CONF.glob("*/*.yaml"))
+DOCUMENTS = ["README.md", "experiments/README.md", *(f"conf/help/{command}.yaml" for command in COMMANDS)]
 
 SMALL = [
     "sweep=kappa", "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[150,800]", "sweep.seeds=2",
@@ -275,52 +279,65 @@ def test_multirun_runs_one_study_after_the_other(environment: dict[str, str], tm
     pd.testing.assert_series_equal(*scores)  # the same loop times
 
 
+def groups(command: str) -> set[str]:
+    """Groups of options that a command has."""
+    defaults = OmegaConf.load(CONF / f"{command}.yaml").defaults
+    return {str(group) for item in defaults if not isinstance(item, str) for group in item}
+
+
+def commands(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Each `python -m qocjax.<command> ...` in a text with its options; what follows two blanks is not part of it."""
+    for line in re.sub(r"\\\n\s*", "", text).splitlines():
+        for command, rest in re.findall(r"python3? -m qocjax\.(\w+)([^`]*)", line):
+            if "[option" not in rest:
+                yield command, shlex.split(re.split(r"\s{2,}", rest)[0], comments=True)
+
+
+def command_of(experiment: str) -> str:
+    """The command in the comment that an experiment begins with."""
+    comment = re.match(r"(#.*\n)+", (CONF / "experiment" / f"{experiment}.yaml").read_text(encoding="utf-8"))
+    assert comment is not None
+    named = [command for command, options in commands(comment[0]) if f"experiment={experiment}" in options]
+    return named[0]
+
+
 @pytest.fixture
 def composer() -> Iterator[None]:
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
         yield
 
 
-def composed(options: list[str]) -> StudyConfig:
-    return load(StudyConfig, compose("sweep", options))
+def composed(command: str, options: list[str]) -> SimulationConfig:
+    """A configuration, checked against what the command's `run` takes."""
+    schema = get_type_hints(importlib.import_module(f"qocjax.{command}").run)["config"]
+    return load(schema, compose(command, options))
 
 
 @pytest.mark.parametrize("choice", CHOICES)
 def test_every_choice_composes(choice: str, composer: None) -> None:
     group, name = choice.split("/")
+    if group == "experiment":
+        command = command_of(name)
+    else:
+        wanted = "network" if group in PLACES else group
+        command = next(command for command in ("sweep", *COMMANDS) if wanted in groups(command))
     network = ["network=loop"] if group in PLACES else []
-    config = composed([*network, f"{PLACES.get(group, group)}={name}", *SAMPLES.get(choice, [])])
+    config = composed(command, [*network, f"{PLACES.get(group, group)}={name}", *SAMPLES.get(choice, [])])
     config.build_scenario()
     config.loop.build()
-    if config.sweep.grids:
+    if isinstance(config, StudyConfig) and config.sweep.grids:
         assert set(config.build_grid().sweep) == set(config.sweep.grids)
 
 
-def test_experiments_begin_with_their_command() -> None:
-    for path in (CONF / "experiment").glob("*.yaml"):
-        comment = re.match(r"(#.*\n)+", path.read_text(encoding="utf-8"))
-        assert comment is not None, path
-        assert re.search(rf"python -m qocjax\.sweep experiment={path.stem}\b", comment[0]), path
-
-
-def commands(text: str) -> Iterator[list[str]]:
-    """Options of each `python -m qocjax.sweep ...` in a text; what follows two blanks is not part of it."""
-    for line in re.sub(r"\\\n\s*", "", text).splitlines():
-        if match := re.search(r"python3? -m qocjax\.sweep([^`]*)", line):
-            yield shlex.split(re.split(r"\s{2,}", match[1])[0], comments=True)
-
-
-@pytest.mark.parametrize("document", ["README.md", "conf/help/sweep.yaml"])
+@pytest.mark.parametrize("document", DOCUMENTS)
 def test_commands_of_the_documents_compose(document: str, composer: None) -> None:
-    found = [
-        options for options in commands((ROOT / document).read_text(encoding="utf-8")) if "[option" not in str(options)
-    ]
-    assert len(found) > 5
-    for options in found:
+    found = list(commands((ROOT / document).read_text(encoding="utf-8")))
+    assert found
+    for command, options in found:
         flags = [option for option in options if option.startswith("--")]
         assert set(flags) <= {"--multirun", "--help"}
         jobs = [option.split(",")[0] if "--multirun" in flags and "[" not in option else option for option in options]
-        composed([option for option in jobs if option not in flags]).baseline()
+        composed(command, [option for option in jobs if option not in flags]).baseline()
 
 
 def test_code_of_the_readme_runs(environment: dict[str, str], tmp_path: Path) -> None:
