@@ -19,8 +19,8 @@ from qocjax.scenario import num_ticks
 
 __all__ = ["Batch", "Group", "batches_of", "groups_of"]
 
-# Seeds of one batch: whole vector registers, and few enough for many designs beside them; more where seeds abound.
-_LANES, _MANY_SEEDS, _MANY_LANES = 32, 512, 256
+# Seeds of one batch: whole vector registers, and few enough that their schedule stays in cache beside many designs.
+_LANES = 32
 
 # Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
 # all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
@@ -108,7 +108,7 @@ def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: i
         num_robots: N; a batch holds fewer runs where each has more robots.
         max_runs: Runs of a batch with two robots.
     """
-    lanes = min(num_seeds, _LANES if num_seeds < _MANY_SEEDS else _MANY_LANES, max(1, max_runs))
+    lanes = min(num_seeds, _LANES, max(1, max_runs))
     most_rows = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
     for tau in dict.fromkeys(group.tau for group in groups):
         for first in range(0, num_seeds, lanes):
