@@ -31,7 +31,7 @@ def replay(
         key: As of the evaluation.
     """
     rules = rules or Rules()
-    _checks.count("seed", seed, least=0)
+    _checks.counts("seed", [seed])
     tau = float(np.asarray(_checks.bounded("tau", design.tau, above=0, most=scenario.horizon, shape=())))
     start, times = draw_seeds(
         jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,

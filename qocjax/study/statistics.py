@@ -22,7 +22,7 @@ class Estimate:
 
 
 def standard_error(values: ArrayLike, axis: int = -1) -> np.ndarray:
-    """Standard error of the mean over `axis`.
+    """Standard error of the mean over `axis`; infinite where a value is not finite.
 
     Raises:
         ValueError: Fewer than two values along the axis: their spread is then unknown.
@@ -30,7 +30,8 @@ def standard_error(values: ArrayLike, axis: int = -1) -> np.ndarray:
     array = np.asarray(values, np.float64)
     if array.shape[axis] < 2:
         raise ValueError(f"seeds: got {array.shape[axis]}, expected at least 2 for a standard error")
-    return stats.sem(array, axis=axis)
+    finite = np.isfinite(array).all(axis=axis, keepdims=True)
+    return np.where(np.squeeze(finite, axis), stats.sem(np.where(finite, array, 0.0), axis=axis), np.inf)
 
 
 def estimate(values: ArrayLike, confidence: float = 0.95) -> Estimate:

@@ -17,7 +17,7 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale, qoc
 from qocjax.scenario import Design, Scenario
 from qocjax.study.grid import Grid
-from qocjax.study.policies import MIN_RELIABILITY, POLICIES
+from qocjax.study.policies import MIN_RELIABILITY, POLICIES, min_delay
 from qocjax.study.statistics import estimate, paired, standard_error
 
 __all__ = ["Study", "qoc_by_seed", "results_table", "run_study"]
@@ -69,6 +69,8 @@ def run_study(
     """
     _check_seeds(selection_seeds, evaluation_seeds)
     _checks.bounded("min_reliability", min_reliability, least=0, most=1)
+    reliability = network.reliability(np.unique(grid.deadline))
+    min_delay(np.zeros((1, reliability.size)), reliability, min_reliability)  # raises before anything is simulated
     options: dict[str, Any] = {"rules": rules, "key": key, "progress": progress}
     runs = evaluate(scenario, grid.designs, network, selection_seeds, **options)
     scale = scale or QocScale.of(runs["auc"].values)
@@ -163,6 +165,7 @@ def _judge(
 
 def _check_seeds(selection: Sequence[int], evaluation: Sequence[int]) -> None:
     for name, seeds in (("selection_seeds", selection), ("evaluation_seeds", evaluation)):
+        _checks.counts(name, seeds)
         if len(seeds) < 2 or len(set(seeds)) != len(seeds):
             raise ValueError(
                 f"{name}: got {len(seeds)} seeds, {len(set(seeds))} distinct, expected at least 2, all distinct"
