@@ -57,7 +57,10 @@ def main() -> None:
     if len(sys.argv) > 1:
         measure(sys.argv[1])
         return
-    print("| gradient | forward pass (ms) | gradient (ms) | ratio | peak memory (MiB) |\n|---|---|---|---|---|", flush=True)
+    print(
+        "| gradient | forward pass (ms) | gradient (ms) | ratio | peak memory (MiB) |\n|---|---|---|---|---|",
+        flush=True,
+    )
     for name in CASES:
         subprocess.run([sys.executable, __file__, name], check=True)
 
