@@ -98,14 +98,14 @@ def run_grid(
         TypeError: A seed is no whole number.
         ValueError: No design, no seed, a tau above the horizon, or a start on the reference.
     """
+    _check_kinds(scenario, designs, network, rules)
     grid = _as_grid(designs, scenario)
-    numbers = np.array([_checks.count("seeds", s, least=0) for s in seeds], np.int64)
-    if len(numbers) == 0:
-        raise ValueError("seeds: got none, expected at least one")
-    if jnp.dtype(dtype) == jnp.float64 and jnp.result_type(float) != jnp.float64:
-        raise ValueError("dtype: got float64 without JAX's x64 mode, expected float32 or jax_enable_x64 set")
+    numbers = _checked_seeds(seeds)
+    if not -(2**31) <= _checks.count("key", key, least=-(2**63)) < 2**31:
+        raise ValueError(f"key: got {key}, expected a whole number of 32 bits")
+    width = _checked_dtype(dtype)
     check_start(scenario, scenario.start)
-    runner = Runner(scenario, grid, network, numbers, rules, key, jnp.dtype(dtype), measure, in_blocks)
+    runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks)
     runs_each = scenario.num_robots * len(numbers)
     groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, runs_each, general=not in_blocks)
     results: dict[str, np.ndarray] = {}
@@ -113,7 +113,40 @@ def run_grid(
         _put(results, (len(grid["tau"]), len(numbers)), batch, found)
         if progress is not None:
             progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)
-    return _labelled(results, grid, numbers, {"math": runner.math.name, "dtype": str(jnp.dtype(dtype))})
+    return _labelled(results, grid, numbers, {"math": runner.math.name, "dtype": str(width)})
+
+
+def _check_kinds(scenario: Scenario, designs: Design, network: Network, rules: Rules) -> None:
+    for name, value, kind in (("scenario", scenario, Scenario), ("designs", designs, Design), ("rules", rules, Rules)):
+        if not isinstance(value, kind):
+            raise TypeError(f"{name}: got {value!r}, expected a {kind.__name__}")
+    if not callable(getattr(network, "draw", None)):
+        raise TypeError(f"network: got {network!r}, expected a Network, such as paper_network()")
+
+
+def _checked_seeds(seeds: Sequence[int]) -> np.ndarray:
+    try:
+        numbers = [_checks.count("seeds", seed, least=0) for seed in seeds]
+    except TypeError as error:
+        text = str(error)
+        raise TypeError(text if text.startswith("seeds") else f"seeds: got {seeds!r}, expected whole numbers") from None
+    if not numbers:
+        raise ValueError("seeds: got none, expected at least one")
+    if max(numbers) >= 2**32:
+        raise ValueError(f"seeds: got {max(numbers)}, expected whole numbers below 2**32")
+    return np.array(numbers, np.int64)
+
+
+def _checked_dtype(dtype: DTypeLike) -> np.dtype:
+    try:
+        width = jnp.dtype(dtype)
+    except TypeError:
+        raise TypeError(f"dtype: got {dtype!r}, expected float32 or float64") from None
+    if width not in (np.float32, np.float64):
+        raise ValueError(f"dtype: got {width}, expected float32 or float64")
+    if width == np.float64 and jnp.result_type(float) != np.float64:
+        raise ValueError("dtype: got float64 without JAX's x64 mode, expected float32 or jax_enable_x64 set")
+    return width
 
 
 def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:

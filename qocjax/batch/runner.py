@@ -113,6 +113,8 @@ class Runner:
         key = (self.network, *map(np.shape, args[::3]), args[1], group.ticks, group.tau, self.start.dtype)
         program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, group.ticks, group.tau)))
         start, times = program(self.start, self.seeds[batch.seeds], np.int32(self.key))
+        if np.isnan(times).any() or (np.asarray(times) < 0).any():
+            raise ValueError("network: drew NaN or a negative loop time, expected seconds >= 0 (inf where lost)")
         poses = np.moveaxis(np.asarray(start, self.dtype), 0, -1)
         check_start(self.scenario, poses)
         loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
