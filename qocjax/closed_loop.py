@@ -163,7 +163,8 @@ class _Tick:
         """Moves over a piece of constant command and takes it into the totals."""
         pose = arc(state.pose, command, h, self.plan.math)
         error = (pose.x - reference[0], pose.y - reference[1])
-        return _State(pose, applied, error, state.tally.over_piece(self.scenario, state.error, error, command, h))
+        tally = state.tally.over_piece(self.scenario, (state.error, error), (state.pose, pose), command, h)
+        return _State(pose, applied, error, tally)
 
 
 def _whole_blocks(loop_times: Array, plan: Plan) -> Array:

@@ -67,6 +67,9 @@ def _weighted(scenario: Scenario, x: Array, y: Array) -> Array:
     return weights[0] * x * x + weights[1] * y * y
 
 
+Ends = tuple[tuple[Array, Array], tuple[Array, Array]]
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Tally:
@@ -95,32 +98,35 @@ class Tally:
             jnp.where(away, jnp.asarray(tick, self.last_away.dtype), self.last_away),
         )
 
-    def over_piece(
-        self,
-        scenario: Scenario,
-        error: tuple[Array, Array],
-        next_error: tuple[Array, Array],
-        command: Command,
-        h: Array,
-    ) -> Tally:
+    def over_piece(self, scenario: Scenario, error: Ends, pose: tuple[Pose, Pose], command: Command, h: Array) -> Tally:
         """Takes in a piece of constant command.
 
-        The disagreement is integrated as if it changed linearly over the piece: h/3 (a² + ab + b²), which is exact for
-        straight motion and second order in the curvature of the arc.
+        The squared disagreement is integrated by the trapezoid corrected with its slopes at both ends, h/2 (f + f') +
+        h²/12 (df - df'), which is exact for cubics; over a piece the reference counts as straight.
 
         Args:
             scenario: The weights W.
-            error: delta at the beginning, each coordinate [N, *B].
-            next_error: delta at the end.
+            error: delta at the beginning and at the end, each a pair of coordinates [N, *B].
+            pose: At the beginning and at the end.
             command: In force over the piece.
             h: Its length (s).
         """
         weights = jnp.asarray(scenario.weights)
-        squares = [a * a + a * b + b * b for a, b in zip(error, next_error, strict=True)]
+        chord = h * command.nu
+        (x, y), (next_x, next_y) = error
+        first, last = pose
+        along_x = self._axis(x, next_x, last.x - first.x, chord * first.cos, chord * last.cos)
+        along_y = self._axis(y, next_y, last.y - first.y, chord * first.sin, chord * last.sin)
         return Tally(
-            self.integral + (h / 3.0) * (weights[0] * squares[0] + weights[1] * squares[1]),
-            self.path_length + h * command.nu,
+            self.integral + h * (weights[0] * along_x + weights[1] * along_y),
+            self.path_length + chord,
             self.effort + h * (command.nu * command.nu + command.omega * command.omega),
             self.closest,
             self.last_away,
         )
+
+    @staticmethod
+    def _axis(a: Array, b: Array, moved: Array, heads: Array, next_heads: Array) -> Array:
+        """Mean of the squared disagreement along one axis, from a to b; `heads` are the slopes of motion times h."""
+        reference = moved - (b - a)
+        return 0.5 * (a * a + b * b) + (1 / 6) * (a * (heads - reference) - b * (next_heads - reference))

@@ -114,8 +114,8 @@ def test_auc_is_integrated_over_continuous_time(k: int, tau: float) -> None:
         design = Design(**{"tau": tau, "deadline": rng.choice([0.0, 0.1, 0.25])} | options)
         times = np.where(rng.random((ticks, 2)) < 0.9, 0.0, np.inf)
         case = Case(Scenario(start=start, horizon=horizon, **YARDSTICKS[k]), design, times)
-        # Where robots run up to 2.5 m/s and turn up to 0.8 rad within a period of 200 ms, the curvature shows.
-        allowed = 3 * limit if draw % 2 and tau == 0.2 else limit
+        # An uncapped or own reference of a large kappa bends within 200 ms, where it counts as straight.
+        allowed = 3 * limit if k == 6 and tau == 0.2 else limit
         np.testing.assert_allclose(auc_of(k, horizon)(start, design, times), case.slow()["auc"], rtol=allowed)
 
 
