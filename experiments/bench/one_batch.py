@@ -14,10 +14,11 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import Any
+from unittest import mock
 
 __all__ = ["OneBatch", "Program"]
 
-BATCHES_PER_CALL = 8  # for each thread, so that a call is long against starting threads
+RUNS_PER_CALL = 4096  # of each thread, so that a call is long against handing out batches
 
 
 @dataclass(frozen=True)
@@ -71,14 +72,22 @@ class Program:
         return jax.block_until_ready(self.compiled(*self.arguments))
 
     def carried(self) -> list[Any]:
-        """Shapes and types of what the scan over the ticks hands from one to the next."""
+        """Shapes and types of what the scan over the ticks hands from one to the next.
+
+        Seen by tracing once more with an ear on `lax.scan`: its parameters in a jaxpr differ between versions of JAX.
+        """
         import jax
 
-        equations = jax.make_jaxpr(_totals, static_argnums=4)(*self.arguments, self.plan).jaxpr.eqns
-        scans = [equation for equation in equations if equation.primitive.name == "scan"]
-        ticks = max(scans, key=lambda scan: scan.params["num_carry"])
-        first = ticks.params["num_consts"]
-        return [value.aval for value in ticks.invars[first : first + ticks.params["num_carry"]]]
+        heard: list[list[Any]] = []
+        scan = jax.lax.scan
+
+        def listening(body: Any, init: Any, *args: Any, **options: Any) -> Any:
+            heard.append([jax.typeof(leaf) for leaf in jax.tree.leaves(init)])
+            return scan(body, init, *args, **options)
+
+        with mock.patch.object(jax.lax, "scan", listening):
+            jax.eval_shape(lambda *arguments: _totals(*arguments, self.plan), *self.arguments)
+        return max(heard, key=len)
 
 
 def _arguments(batch: OneBatch) -> tuple[tuple, Any]:
@@ -134,12 +143,13 @@ def _serve(batch: OneBatch) -> None:
         request_whole_loop()
     program = Program(batch)
     threads = batch.threads or len(os.sched_getaffinity(0))
+    batches = threads * -(-RUNS_PER_CALL // batch.runs)
     with ThreadPoolExecutor(threads) as pool:
         for _ in sys.stdin:
             begin = time.perf_counter()
-            list(pool.map(lambda _: program.call(), range(BATCHES_PER_CALL * threads)))
+            list(pool.map(lambda _: program.call(), range(batches)))
             seconds = time.perf_counter() - begin
-            answer = {"seconds": seconds, "robot_steps": batch.robot_steps * BATCHES_PER_CALL * threads}
+            answer = {"seconds": seconds, "robot_steps": batch.robot_steps * batches}
             print(json.dumps(answer | {"compile_s": program.compile_s}), flush=True)
 
 
