@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
@@ -13,6 +16,7 @@ from tqdm import tqdm
 
 from qocjax._command import command, output_dir
 from qocjax.config import StudyConfig, load
+from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
 from qocjax.network.interface import Network
 from qocjax.scenario import Design, num_ticks
@@ -23,13 +27,16 @@ from qocjax.study import Study, replay, run_study
 __all__ = ["main", "policy_text", "run"]
 
 
-def run(config: StudyConfig, folder: Path | None = None, *, quiet: bool = False) -> Study:
+def run(
+    config: StudyConfig, folder: Path | None = None, *, quiet: bool = False, drawing: Executor | None = None
+) -> Study:
     """Runs the study of a configuration.
 
     Args:
         config: What to simulate.
         folder: Where tables, figures and the record go; None writes nothing.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
+        drawing: A process that draws half of the figures, from `process_beside`.
 
     Raises:
         ValueError: A value of the configuration is out of range.
@@ -51,7 +58,8 @@ def run(config: StudyConfig, folder: Path | None = None, *, quiet: bool = False)
     if folder is not None:
         _write(study, config, network, folder)
         if config.figures:
-            draw_study(study.results, study.policies, representative_run(study, config, network), folder / "figures")
+            shown = jax.tree.map(np.asarray, representative_run(study, config, network))
+            draw_study(study.results, study.policies, shown, folder / "figures", drawing)
     return study
 
 
@@ -121,7 +129,8 @@ def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(StudyConfig, cfg)
     folder = output_dir()
-    study = run(config, folder)
+    with process_beside() if config.figures else nullcontext() as drawing:
+        study = run(config, folder, drawing=drawing)
     print(policy_text(study.policies))
     scale = study.scale
     print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")

@@ -206,3 +206,11 @@ def test_bad_arguments_are_named() -> None:
         LoopNetwork(compute=Leg(), name="x")  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="Leg.loss: got 0.1"):
         Leg(Constant(0.1), 0.1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("network", [paper_network(), kth_5g_network(), BURSTY], ids=lambda network: network.name)
+def test_a_longer_draw_begins_with_the_shorter_at_any_period(network: LoopNetwork) -> None:
+    """What `prefix_stable` promises, and batches of many sampling periods rely on."""
+    key = jax.random.key(5)
+    longer = np.asarray(network.draw(key, 512, 3, 0.01))
+    np.testing.assert_array_equal(network.draw(key, 301, 3, 0.2), longer[:301])

@@ -17,7 +17,7 @@ import numpy as np
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.scenario import num_ticks
 
-__all__ = ["Batch", "Group", "batches_of", "groups_of"]
+__all__ = ["Batch", "Group", "batches_of", "general_length", "groups_of"]
 
 # Seeds of one batch: whole vector registers, and few enough that their schedule stays in cache beside many designs.
 _LANES = 32
@@ -83,18 +83,18 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     designs = Counter[float]()
     for group in groups:
         designs[group.tau] += len(group.designs)
-    little = {g.tau for g in groups if designs[g.tau] * runs_each * _general_length(g.ticks) < _WORTH_A_PROGRAM}
+    little = {g.tau for g in groups if designs[g.tau] * runs_each * general_length(g.ticks) < _WORTH_A_PROGRAM}
     slots = _next_power(max((group.slots for group in groups if group.tau in little), default=1), 4)
     mid_tick = None if rules.actuation == "deadline" else False
     return [
-        replace(group, length=_general_length(group.ticks), mid_tick=mid_tick, slots=slots)
+        replace(group, length=general_length(group.ticks), mid_tick=mid_tick, slots=slots)
         if group.tau in little
         else group
         for group in groups
     ]
 
 
-def _general_length(ticks: int) -> int:
+def general_length(ticks: int) -> int:
     """Ticks of the general program that a run of that many is put on."""
     return 2048 * _next_power(-(-ticks // 2048), 2)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 
 from qocjax._math import EXACT, MAX_HALF_ANGLE, POLYNOMIAL, AngleMath
-from qocjax.batch.layout import Batch
+from qocjax.batch.layout import Batch, general_length
 from qocjax.batch.once import Once
 from qocjax.batch.xla import compiled
 from qocjax.closed_loop import Plan, run_closed_loop
@@ -109,16 +109,19 @@ class Runner:
     def _draw(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
         """Start poses [N, 3, 1, seeds] and loop times [ticks of the program, N, 1, seeds] of the seeds of a batch."""
         group = batch.group
+        ticks, tau = group.ticks, group.tau
+        if getattr(self.network, "prefix_stable", False) and jax.config.jax_threefry_partitionable:
+            ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
         args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
-        key = (self.network, *map(np.shape, args[::3]), args[1], group.ticks, group.tau, self.start.dtype)
-        program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, group.ticks, group.tau)))
+        key = (self.network, *map(np.shape, args[::3]), args[1], ticks, tau, self.start.dtype)
+        program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
         start, times = program(self.start, self.seeds[batch.seeds], np.int32(self.key))
         if np.isnan(times).any() or (np.asarray(times) < 0).any():
             raise ValueError("network: drew NaN or a negative loop time, expected seconds >= 0 (inf where lost)")
         poses = np.moveaxis(np.asarray(start, self.dtype), 0, -1)
         check_start(self.scenario, poses)
         loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
-        loops[: group.ticks, :, 0] = np.moveaxis(np.asarray(times), 0, -1)
+        loops[: group.ticks, :, 0] = np.moveaxis(np.asarray(times)[:, : group.ticks], 0, -1)
         return poses[:, :, None, :], loops
 
 

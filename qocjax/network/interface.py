@@ -62,7 +62,9 @@ class Network(Protocol):
     distribution, a recording or a simulated transport whose state runs across ticks: `draw` makes all the ticks of a
     Monte Carlo seed at once, so what happens between ticks is the network's own affair.
 
-    Implementations are immutable and hashable, so that `jax.jit` can hold them as static arguments.
+    Implementations are immutable and hashable, so that `jax.jit` can hold them as static arguments. One whose row p
+    depends neither on `num_ticks` nor on `tau` may say so by an attribute `prefix_stable = True`: fewer programs are
+    then compiled to draw from it.
     """
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -57,6 +57,8 @@ class LoopNetwork:
     compute: DelayLaw
     downlink: Leg = field(default_factory=Leg)
     name: str
+
+    prefix_stable: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for leg in ("uplink", "downlink"):

@@ -68,11 +68,13 @@ class Schedule:
 
 def split_deadline(deadline: Array | float, tau: Array | float) -> tuple[Array, Array]:
     """Whole sampling periods in a deadline and the rest (s); a multiple up to rounding has rest 0."""
-    ratio = jnp.asarray(deadline / tau)
-    nearest = jnp.round(ratio)
-    aligned = jnp.abs(ratio - nearest) <= _slack(ratio) * jnp.maximum(ratio, 1.0)
-    whole = jnp.where(aligned, nearest, jnp.floor(ratio))
-    return whole.astype(jnp.int32), jnp.where(aligned, 0.0, deadline - whole * tau)
+    traced = isinstance(deadline, Array) or isinstance(tau, Array)
+    xp = jnp if traced else np  # numbers known beforehand need no compiled program
+    ratio = xp.asarray(deadline / tau)
+    nearest = xp.round(ratio)
+    aligned = xp.abs(ratio - nearest) <= _slack(ratio) * xp.maximum(ratio, 1.0)
+    whole = xp.where(aligned, nearest, xp.floor(ratio))
+    return whole.astype(xp.int32), xp.where(aligned, 0.0, deadline - whole * tau)
 
 
 def schedule(
