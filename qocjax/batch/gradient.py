@@ -95,13 +95,13 @@ class _AucGradient:
         """The measure; one copy of each value per run makes the derivatives those of single runs."""
         shape = (jnp.shape(design.kappa)[1], start.shape[-1])
         values = {name: jnp.broadcast_to(getattr(design, name), (1, *shape)) for name in self.names}
+        if self.mode == "reverse":  # spread, all values are read alike: XLA's backward loop is twice as fast
+            everything = {name: _spread(getattr(design, name), name, start.shape[0], shape) for name in CONTINUOUS}
+            design = replace(design, **everything)
 
         def auc(values: dict[str, Array]) -> Array:
             # Spread over robots ahead of the loop, so that their derivatives are summed once and not in each tick.
-            spread = {
-                name: jnp.broadcast_to(value, (start.shape[0], *shape)) if name in _OF_A_ROBOT else value
-                for name, value in values.items()
-            }
+            spread = {name: _spread(value, name, start.shape[0], shape) for name, value in values.items()}
             measured = metrics(scenario, replace(design, **spread), start, loop_times, ticks, plan)
             return jnp.mean(measured["auc"], axis=0)
 
@@ -115,3 +115,8 @@ class _AucGradient:
         }
         cost, slopes = jax.vmap(lambda tangent: jax.jvp(auc, (values,), (tangent,)), out_axes=(None, 0))(basis)
         return {"auc": cost} | {f"d_auc_{name}": slopes[k] for k, name in enumerate(self.names)}
+
+
+def _spread(value: Array, name: str, robots: int, shape: tuple[int, int]) -> Array:
+    """One copy for each run, and for each robot where the value acts on robots alone."""
+    return jnp.broadcast_to(value, (robots if name in _OF_A_ROBOT else 1, *shape))

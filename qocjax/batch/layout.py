@@ -39,6 +39,7 @@ class Group:
     mid_tick: bool | None  # whether commands take effect between sampling instants; None if the program is to see
     slots: int  # capacity of the program's command buffer: for the longest deadline that it serves
     designs: np.ndarray  # indices into the grid
+    general: bool = False  # whether the program serves other sampling periods too
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     slots = _next_power(max((group.slots for group in groups if group.tau in little), default=1), 4)
     mid_tick = None if rules.actuation == "deadline" else False
     return [
-        replace(group, length=general_length(group.ticks), mid_tick=mid_tick, slots=slots)
+        replace(group, length=general_length(group.ticks), mid_tick=mid_tick, slots=slots, general=True)
         if group.tau in little
         else group
         for group in groups
@@ -114,16 +115,23 @@ def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: i
         for first in range(0, num_seeds, lanes):
             seeds, real_seeds = _filled(np.arange(first, min(first + lanes, num_seeds)), lanes)
             for group in (g for g in groups if g.tau == tau):
-                rows = _rows(len(group.designs), most_rows)
+                rows = _rows(len(group.designs), most_rows, group.general)
                 for start in range(0, len(group.designs), rows):
                     designs, real_designs = _filled(group.designs[start : start + rows], rows)
                     yield Batch(group, designs, seeds, real_designs, real_seeds)
 
 
-def _rows(num_designs: int, most: int) -> int:
-    """Designs of a batch: parts of equal size where several are needed, else a power of four, so that shapes recur."""
+def _rows(num_designs: int, most: int, general: bool) -> int:
+    """Designs of a batch: parts of equal size where several are needed; fewer are filled up, so that shapes recur.
+
+    Up to a power of four where programs are shared and the work is little, else by a third at most.
+    """
     parts = -(-num_designs // most)
-    return -(-num_designs // parts) if parts > 1 else min(most, _next_power(num_designs, 4))
+    if parts > 1:
+        return -(-num_designs // parts)
+    power = _next_power(num_designs, 4 if general else 2)
+    snug = power * 3 // 4
+    return min(most, snug if not general and power >= 4 and num_designs <= snug else power)
 
 
 def _next_power(value: int, base: int) -> int:
