@@ -118,7 +118,7 @@ class Tally:
         along_x = self._axis(x, next_x, last.x - first.x, chord * first.cos, chord * last.cos)
         along_y = self._axis(y, next_y, last.y - first.y, chord * first.sin, chord * last.sin)
         return Tally(
-            self.integral + h * (weights[0] * along_x + weights[1] * along_y),
+            self.integral + (1 / 6) * h * (weights[0] * along_x + weights[1] * along_y),
             self.path_length + chord,
             self.effort + h * (command.nu * command.nu + command.omega * command.omega),
             self.closest,
@@ -127,6 +127,9 @@ class Tally:
 
     @staticmethod
     def _axis(a: Array, b: Array, moved: Array, heads: Array, next_heads: Array) -> Array:
-        """Mean of the squared disagreement along one axis, from a to b; `heads` are the slopes of motion times h."""
-        reference = moved - (b - a)
-        return 0.5 * (a * a + b * b) + (1 / 6) * (a * (heads - reference) - b * (next_heads - reference))
+        """Six times the mean squared disagreement along one axis, from a to b; `heads` are the slopes of motion times h.
+
+        3 (a² + b²) + a (heads - r) - b (next_heads - r), where the reference moves by r, in the fewest operations.
+        """
+        change = b - a
+        return a * (3.0 * a + heads) + b * (3.0 * b - next_heads) + (moved - change) * change

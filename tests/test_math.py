@@ -10,25 +10,36 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.distance import pdist
 
 from qocjax import Design
-from qocjax._math import EXACT, MAX_HALF_ANGLE, POLYNOMIAL
+from qocjax._math import EXACT, POLYNOMIALS, AngleMath, angle_math
 from qocjax.controllers.apf import MIN_DISTANCE, apf
 from qocjax.pairs import closest_squared, pair_forces
 from qocjax.unicycle import Command, Pose, arc, pose_from
 
-HALF_ANGLES = np.linspace(-MAX_HALF_ANGLE, MAX_HALF_ANGLE, 40001)
+LONGEST, POLYNOMIAL = POLYNOMIALS[-1]
 MATHS = (EXACT, POLYNOMIAL)
+STATED_ERRORS = ((2e-9, 1e-11), (2e-9, 1e-11), (3e-8, 3e-9))  # of sinc and cos
 POLYNOMIAL_ROUNDING = 1.5e-7  # two and a half units in the last place of a float32 near one
 
 
-def test_polynomial_sine_and_cosine_keep_their_stated_errors() -> None:
-    sinc, cos = jax.jit(POLYNOMIAL.sinc_cos)(HALF_ANGLES)
-    assert np.abs(sinc - np.sinc(HALF_ANGLES / np.pi)).max() < 3e-8
-    assert np.abs(cos - np.cos(HALF_ANGLES)).max() < 3e-9
-    single = HALF_ANGLES.astype(np.float32)
-    sinc, cos = jax.jit(POLYNOMIAL.sinc_cos)(single)
+@pytest.mark.parametrize(
+    ("limit", "math", "errors"), [(*p, e) for p, e in zip(POLYNOMIALS, STATED_ERRORS, strict=True)]
+)
+def test_polynomial_sine_and_cosine_keep_their_stated_errors(limit: float, math: AngleMath, errors: tuple) -> None:
+    angles = np.linspace(-limit, limit, 40001)
+    sinc, cos = jax.jit(math.sinc_cos)(angles)
+    assert np.abs(sinc - np.sinc(angles / np.pi)).max() < errors[0]
+    assert np.abs(cos - np.cos(angles)).max() < errors[1]
+    single = angles.astype(np.float32)
+    sinc, cos = jax.jit(math.sinc_cos)(single)
     assert sinc.dtype == cos.dtype == jnp.float32
-    assert np.abs(sinc - np.sinc(single.astype(float) / np.pi)).max() < 3e-8 + POLYNOMIAL_ROUNDING
-    assert np.abs(cos - np.cos(single.astype(float))).max() < 3e-9 + POLYNOMIAL_ROUNDING
+    assert np.abs(sinc - np.sinc(single.astype(float) / np.pi)).max() < errors[0] + POLYNOMIAL_ROUNDING
+    assert np.abs(cos - np.cos(single.astype(float))).max() < errors[1] + POLYNOMIAL_ROUNDING
+
+
+def test_the_shortest_polynomials_that_hold_are_taken() -> None:
+    for limit, math in POLYNOMIALS:
+        assert angle_math(limit) is math
+    assert angle_math(0.0) is POLYNOMIALS[0][1] and angle_math(LONGEST * 1.001) is EXACT
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1e-3, 1.0, 1e6, 1e17])
@@ -43,14 +54,15 @@ def test_polynomial_atan2_keeps_its_stated_error(scale: float) -> None:
     assert np.abs(exact - angle).max() < 4e-8
 
 
+def slopes(math: AngleMath, function: str, points: tuple) -> list:
+    return jax.tree.leaves(jax.jit(jax.vmap(jax.jacfwd(getattr(math, function), tuple(range(len(points))))))(*points))
+
+
 def test_polynomials_differentiate_like_what_they_stand_for() -> None:
     rng = np.random.default_rng(1)
-    a, y, x = rng.uniform(-MAX_HALF_ANGLE, MAX_HALF_ANGLE, 300), *rng.normal(size=(2, 300))
-    for function, points in (("sinc_cos", (a,)), ("atan2", (y, x))):
-        slopes = [
-            jax.jit(jax.vmap(jax.jacfwd(getattr(m, function), tuple(range(len(points))))))(*points) for m in MATHS
-        ]
-        for one, other in zip(*map(jax.tree.leaves, slopes), strict=True):
+    cases = [(math, "sinc_cos", (rng.uniform(-limit, limit, 300),)) for limit, math in POLYNOMIALS]
+    for math, function, points in [*cases, (POLYNOMIAL, "atan2", tuple(rng.normal(size=(2, 300))))]:
+        for one, other in zip(slopes(math, function, points), slopes(EXACT, function, points), strict=True):
             np.testing.assert_allclose(one, other, atol=1e-6)
 
 
@@ -99,13 +111,14 @@ def test_arcs_join_and_close() -> None:
     np.testing.assert_allclose(circle.heading, start.heading + 2 * np.pi)  # continuous, not wrapped
 
 
-@pytest.mark.parametrize("tau", [0.01, 0.2])
+@pytest.mark.parametrize("tau", [0.01, 0.02, 0.1, 0.2])
 def test_the_unit_vector_stays_with_the_heading_in_float32(tau: float) -> None:
-    """Over 30 s at 10 ms, and as many ticks at 200 ms, with turns all the while."""
+    """Over 30 s at 10 ms, and as many ticks at longer periods, turning all the while, on the shortest polynomials."""
+    math = angle_math(1.9 * tau / 2)
     omega = jnp.asarray(np.random.default_rng(0).uniform(-1.4, 1.4, (3000, 50)) + 0.5, jnp.float32)
     start = pose_from(jnp.zeros((50, 3), jnp.float32))
     nu = jnp.full(50, 0.7, jnp.float32)
-    pose, _ = jax.lax.scan(lambda p, w: (arc(p, Command(nu, w), jnp.float32(tau), POLYNOMIAL), None), start, omega)
+    pose, _ = jax.lax.scan(lambda p, w: (arc(p, Command(nu, w), jnp.float32(tau), math), None), start, omega)
     assert pose.cos.dtype == jnp.float32
     heading = tau * np.asarray(omega, float).sum(axis=0)
     assert np.abs(np.hypot(pose.cos, pose.sin) - 1).max() < 3e-5

@@ -98,7 +98,7 @@ def _arguments(batch: OneBatch) -> tuple[tuple, Any]:
 
     from experiments.bench.study import NETWORK, TAU, drawn_designs
     from qocjax import Design, Rules, Scenario
-    from qocjax._math import EXACT, POLYNOMIAL
+    from qocjax._math import EXACT, angle_math
     from qocjax.batch.runner import draw_seeds
     from qocjax.closed_loop import Plan
 
@@ -119,7 +119,7 @@ def _arguments(batch: OneBatch) -> tuple[tuple, Any]:
     design = Design(**values, tau=np.float32(TAU), deadline=np.float32(batch.deadline))
     plan = Plan(
         Rules(),
-        {"exact": EXACT, "polynomial": POLYNOMIAL}[batch.math],
+        EXACT if batch.math == "exact" else angle_math(float(values["omega_max"].max()) * TAU / 2),
         slots=int(batch.deadline / TAU) + 2,
         mid_tick=abs(batch.deadline / TAU - round(batch.deadline / TAU)) > 1e-6,
     )

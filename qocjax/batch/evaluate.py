@@ -24,7 +24,7 @@ from qocjax.simulate import check_start
 
 __all__ = ["MAX_RUNS", "UNITS", "evaluate", "run_grid"]
 
-# Runs of one batch with two robots: what is carried stays in the second-level cache on CPUs, and fills a GPU.
+# Runs of one batch with two robots: what is carried stays in the innermost caches on CPUs, and fills a GPU.
 MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
 
 UNITS = {
@@ -113,7 +113,12 @@ def run_grid(
         _put(results, (len(grid["tau"]), len(numbers)), batch, found)
         if progress is not None:
             progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)
-    return _labelled(results, grid, numbers, {"math": runner.math.name, "dtype": str(width)})
+    return _labelled(
+        results,
+        grid,
+        numbers,
+        {"math": ", ".join(sorted({runner.math(group.longest_period).name for group in groups})), "dtype": str(width)},
+    )
 
 
 def _check_kinds(scenario: Scenario, designs: Design, network: Network, rules: Rules) -> None:

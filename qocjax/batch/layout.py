@@ -32,6 +32,7 @@ class Group:
     """All designs of one sampling period and deadline."""
 
     tau: float
+    longest_period: float  # the largest tau that the program serves
     deadline: float
     ticks: int  # P, loops in the horizon
     lag: int  # whole sampling periods until a command takes effect
@@ -75,7 +76,7 @@ def groups_of(
             chosen = np.flatnonzero((tau == period) & (deadline == limit))
             inside = rules.actuation == "deadline" and float(rest) > 0
             waits = 0 if rules.actuation == "instant" else min(int(lag), ticks)
-            groups.append(Group(float(period), float(limit), ticks, waits, ticks, inside, slots, chosen))
+            groups.append(Group(float(period), float(period), float(limit), ticks, waits, ticks, inside, slots, chosen))
     return _sharing(groups, rules, runs_each) if general else groups
 
 
@@ -85,10 +86,18 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     for group in groups:
         designs[group.tau] += len(group.designs)
     little = {g.tau for g in groups if designs[g.tau] * runs_each * general_length(g.ticks) < _WORTH_A_PROGRAM}
+    longest = max(little, default=0.0)
     slots = _next_power(max((group.slots for group in groups if group.tau in little), default=1), 4)
     mid_tick = None if rules.actuation == "deadline" else False
     return [
-        replace(group, length=general_length(group.ticks), mid_tick=mid_tick, slots=slots, general=True)
+        replace(
+            group,
+            length=general_length(group.ticks),
+            mid_tick=mid_tick,
+            slots=slots,
+            longest_period=longest,
+            general=True,
+        )
         if group.tau in little
         else group
         for group in groups

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from qocjax._math import EXACT, MAX_HALF_ANGLE, POLYNOMIAL, AngleMath
+from qocjax._math import EXACT, AngleMath, angle_math
 from qocjax.batch.layout import Batch, general_length
 from qocjax.batch.once import Once
 from qocjax.batch.xla import compiled
@@ -84,13 +84,15 @@ class Runner:
         """Casts everything to `dtype`; `in_blocks` is how reverse mode wants the loop."""
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
         self.start, self.key = jnp.asarray(scenario.start, jnp.result_type(float)), key
-        self.scenario: Scenario = jax.tree.map(lambda a: np.asarray(a, dtype), scenario)
-        half_turn = float(np.max(grid["omega_max"] * grid["tau"])) / 2
-        polynomial = dtype == np.float32 and half_turn <= MAX_HALF_ANGLE
-        self.math: AngleMath = POLYNOMIAL if polynomial else EXACT
+        # What many batches share is put on the device once.
+        self.scenario: Scenario = jax.device_put(jax.tree.map(lambda a: np.asarray(a, dtype), scenario))
         self.measure, self.in_blocks = measure, in_blocks
         # The batches of one tau and one set of seeds come in a row: a few sets are enough for all workers.
-        self._drawn: Once[tuple[np.ndarray, np.ndarray]] = Once(capacity=4)
+        self._drawn: Once[tuple[Array, Array]] = Once(capacity=4)
+
+    def math(self, period: float) -> AngleMath:
+        """Functions of angles for arcs of up to a sampling period."""
+        return angle_math(float(np.max(self.grid["omega_max"])) * period / 2) if self.dtype == np.float32 else EXACT
 
     def run(self, batch: Batch) -> dict[str, np.ndarray]:
         """What is measured of one batch, [N, designs, seeds] or [designs, seeds]."""
@@ -100,13 +102,13 @@ class Runner:
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
         args = (self.scenario, Design(**values, **timing), start, times, np.int32(group.ticks))
         slots, lag = (0, group.lag) if self.in_blocks else (group.slots, 0)
-        plan = Plan(self.rules, self.math, slots, group.mid_tick, lag=lag)
+        plan = Plan(self.rules, self.math(group.longest_period), slots, group.mid_tick, lag=lag)
         leaves, structure = jax.tree.flatten(args)
         key = (self.measure, plan, structure, tuple((np.shape(leaf), np.result_type(leaf)) for leaf in leaves))
         program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=5).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
-    def _draw(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+    def _draw(self, batch: Batch) -> tuple[Array, Array]:
         """Start poses [N, 3, 1, seeds] and loop times [ticks of the program, N, 1, seeds] of the seeds of a batch."""
         group = batch.group
         ticks, tau = group.ticks, group.tau
@@ -122,7 +124,7 @@ class Runner:
         check_start(self.scenario, poses)
         loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
         loops[: group.ticks, :, 0] = np.moveaxis(np.asarray(times)[:, : group.ticks], 0, -1)
-        return poses[:, :, None, :], loops
+        return jax.device_put((poses[:, :, None, :], loops))
 
 
 def metrics(
