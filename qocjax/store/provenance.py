@@ -11,7 +11,7 @@ import jax
 
 __all__ = ["provenance"]
 
-_PACKAGES = ("qocjax", "jax", "jaxlib", "numpy", "scipy", "pandas", "xarray", "optax", "hydra-core")
+_PACKAGES = ("qocjax", "jax", "jaxlib", "numpy", "scipy", "pandas", "xarray", "optax", "cmaes", "rosbags", "hydra-core")
 
 
 def provenance() -> dict[str, Any]:

@@ -1,0 +1,103 @@
+"""`python -m qocjax.advise`: from a network or a trace to one page of advice, a figure and ROS 2 parameters."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from omegaconf import DictConfig, OmegaConf
+
+from qocjax._command import command, output_dir
+from qocjax.advice_page import page
+from qocjax.config.advise import AdviseConfig
+from qocjax.config.part import load
+from qocjax.figures.advice import advice_figure
+from qocjax.figures.margins import delay_reliability_map
+from qocjax.figures.save import save
+from qocjax.figures.sensitivity import sensitivity_bars
+from qocjax.nav2 import nav2_text
+from qocjax.store import provenance, write_table, write_text
+from qocjax.study.advice import Advice, advise, plain
+from qocjax.study.slack import Slack
+
+__all__ = ["advice_values", "main", "page", "run"]
+
+_SLACK = [item.name for item in fields(Slack) if item.name != "plane"]  # its table goes into a file of its own
+
+
+def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
+    """Works out the advice of a configuration.
+
+    Args:
+        config: What to simulate.
+        folder: Where files go; None writes nothing.
+
+    Raises:
+        ValueError: A value of the configuration is out of range, or nothing can be advised.
+    """
+    options = config.advise
+    advice = advise(
+        config.build_scenario(), config.build_network(), config.current(), config.bounds(),
+        rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
+        max_collision_share=options.max_collision_share, effort=config.effort(), asked=config.asked(),
+    )  # fmt: skip
+    if folder is not None:
+        write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(advice_values(advice) | provenance())))
+        write_text(folder / "nav2_params.yaml", nav2_text(advice, config.loop.build()))
+        write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+        write_table(folder / "curve", advice.curve)
+        if advice.slack is not None:
+            write_table(folder / "plane", advice.slack.plane)
+        write_table(folder / "elasticities", advice.elasticities)
+        if advice.sobol is not None:
+            write_table(folder / "sobol", advice.sobol)
+        if config.figures:
+            _draw(advice, folder / "figures")
+    return advice
+
+
+def advice_values(advice: Advice) -> dict:
+    """The advice as plain values, in SI units unless a name says otherwise; None where there is nothing to say."""
+    found = {
+        "recommended": advice.recommended, "current": advice.current, "current_policy": advice.policy,
+        "max_collision_share": advice.max_collision_share,
+        "network": advice.network, "loop": advice.character, "judged": advice.judged, "stress": advice.stress,
+        "margin": advice.margin, "current_margin": advice.current_margin, "ties": advice.ties,
+        "slack": advice.slack and {name: getattr(advice.slack, name) for name in _SLACK},
+        "growth": advice.growth, "elasticities": advice.elasticities, "sobol": advice.sobol,
+        "j_med": advice.scale.median, "j_max": advice.scale.largest,
+        "seeds": advice.seeds, "simulations": advice.simulations,
+    }  # fmt: skip
+    return plain(found)
+
+
+def _draw(advice: Advice, folder: Path) -> None:
+    margin = [
+        bound.value if bound.value is not None else advice.margin.best
+        for bound in (advice.margin.low, advice.margin.high)
+    ]
+    deadlines = (float(np.asarray(advice.recommended.deadline)), float(np.asarray(advice.current.deadline)))
+    save(
+        advice_figure(advice.curve, advice.judged, advice.stress, (margin[0], margin[1]), deadlines), folder / "advice"
+    )
+    if advice.slack is not None:
+        points = {name: (at, share) for name, at, share in advice.policies}
+        own = pd.DataFrame([*points.values()], columns=["deadline", "reliability"])
+        curve = pd.concat([advice.curve[["deadline", "reliability"]], own])
+        save(delay_reliability_map(advice.slack.plane, curve, points), folder / "margins")
+    save(sensitivity_bars(advice.elasticities, advice.sobol), folder / "sensitivity")
+
+
+@command("advise")
+def main(cfg: DictConfig) -> None:
+    """Command line."""
+    config = load(AdviseConfig, cfg)
+    folder = output_dir()
+    print(page(run(config, folder)))
+    print(f"advice.yaml, nav2_params.yaml and figures are in {folder}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""`python -m qocjax.codesign`: the best design of the whole space, from a configuration to tables and figures."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import pandas as pd
+from omegaconf import DictConfig, OmegaConf
+from tqdm import tqdm
+
+from qocjax._command import command, output_dir
+from qocjax.config import load
+from qocjax.config.codesign import CodesignConfig
+from qocjax.figures.codesign import draw_codesign
+from qocjax.quality import QocScale
+from qocjax.scenario import Design
+from qocjax.store import provenance, write_json, write_table, write_text
+from qocjax.study.objective import Objective, pilot_scale
+from qocjax.study.pareto import demand_front
+from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
+
+__all__ = ["Codesign", "main", "run", "summary"]
+
+
+_UNITS = {
+    "v_max": "m/s", "omega_max": "rad/s", "eta": "", "kappa": "1/s", "gamma": "1/s", "c_miss": "m/s", "d_safe": "m",
+    "tau": "s", "deadline": "s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Codesign:
+    """What the command found."""
+
+    contest: Contest
+    front: pd.DataFrame | None  # None where it was left out
+    scale: QocScale
+    simulations: int  # of everything
+
+
+def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = False) -> Codesign:
+    """Searches, judges and draws.
+
+    Args:
+        config: What to search.
+        folder: Where tables, figures and the record go; None writes nothing.
+        quiet: No progress bar (there is none anyway where standard error is no terminal).
+
+    Raises:
+        ValueError: A value of the configuration is out of range.
+    """
+    problem, grid, methods = _problem(config), config.build_grid(), config.search.methods
+    sweep_seeds, judge_seeds = (len(seeds) for seeds in config.seeds())
+    for method in [*methods, *([config.front.method] if config.front else [])]:
+        if method not in METHODS:
+            raise ValueError(f"search.methods: got {method!r}, expected some of {', '.join(METHODS)}")
+    parts = len(methods) * config.search.repetitions + 3
+    with tqdm(total=parts, desc="co-design", file=sys.stderr, disable=True if quiet else None) as bar:
+
+        def progress(text: str) -> None:
+            bar.update()
+            bar.set_description(text)
+
+        contest = compete(
+            problem, methods, config.search.budget, config.search.repetitions, grid, sweep_seeds, judge_seeds,
+            min_reliability=config.sweep.min_reliability, key=config.key, block=config.search.block,
+            progress=progress,
+        )  # fmt: skip
+        progress("front of QoC against demand")
+        front = None
+        if config.front is not None:
+            seeds = range(FIRST["judge"], FIRST["judge"] + judge_seeds)
+            also = Design(**{item.name: contest.finals[item.name].to_numpy(float) for item in fields(Design)})
+            front = demand_front(problem, config.front.method, config.front.budget, seeds, also, key=config.key)
+    found = Codesign(contest, front, problem.objective.scale, problem.objective.simulations)
+    if folder is not None:
+        _write(found, config, problem, folder)
+        if config.figures:
+            draw_codesign(contest.curve, contest.policies, front, folder / "figures", measure=config.search.measure)
+    return found
+
+
+def _problem(config: CodesignConfig) -> Problem:
+    scenario, network, rules = config.build_scenario(), config.build_network(), config.loop.build()
+    space, measure, limits, traffic = (
+        config.build_space(), config.build_measure(), config.limits.build(), config.traffic.build()
+    )  # fmt: skip
+    scale = config.scale()
+    if scale is None:
+        seeds = range(FIRST["pilot"], FIRST["pilot"] + config.sweep.seeds)
+        axis = [ms / 1e3 for ms in config.sweep.deadline_ms]
+        scale = pilot_scale(scenario, network, config.baseline(), axis, seeds, rules=rules, key=config.key)
+    return Problem(Objective(scenario, network, scale, rules, config.key), space, limits, traffic, measure)
+
+
+def summary(found: Codesign, measure: str = "mean") -> str:
+    """What was found, for a terminal."""
+    contest, name = found.contest, "QoC" if measure == "mean" else "CVaR of QoC"
+    best, policies = contest.chosen, contest.policies
+    table = pd.DataFrame(
+        {
+            "": [*(f"{row.method} {row.repetition + 1}" for row in contest.finals.itertuples()),
+                 *(f"{row.policy} (sweep of {row.sweep})" for row in policies.itertuples())],
+        }
+    )  # fmt: skip
+    rows = pd.concat([contest.finals, policies], ignore_index=True)
+    table[f"{name} [95 %]"] = [f"{r.score:.4f} [{r.score_low:.4f}, {r.score_high:.4f}]" for r in rows.itertuples()]
+    table["collisions"] = rows["collision_share"].map("{:.1%}".format)
+    for parameter in ("v_max", "eta", "kappa", "gamma", "c_miss", "tau"):
+        table[parameter] = rows[parameter].map("{:.3g}".format)
+    table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)
+    lines = [table.to_string(index=False), ""]
+    design = ", ".join(f"{item.name} = {best[item.name]:.4g} {_UNITS[item.name]}".strip() for item in fields(Design))
+    if not best["kept_at_choice"]:
+        lines.append(f"Infeasible: no design that was met keeps the limits. The least violated one breaks them by "
+                     f"{best['excess_at_choice']:.3g} (relative excess, summed): {design}")  # fmt: skip
+    else:
+        lines.append(f"Chosen: {design} (by {best['method']})")
+        if not best["feasible"]:
+            lines.append(f"On fresh seeds it breaks the limits by {best['excess']:.3g}: collisions in "
+                         f"{best['collision_share']:.1%} of runs.")  # fmt: skip
+        if "difference" in best.index and not pd.isna(best["difference"]):
+            first = policies.iloc[0]
+            lines.append(
+                f"Against the best one-at-a-time design ({first['policy']}, sweep of {first['sweep']}): "
+                f"{best['difference']:+.4f} [{best['difference_low']:+.4f}, {best['difference_high']:+.4f}] {name}, "
+                f"after {best['simulations']} simulations instead of {first['simulations']}"
+            )
+        else:
+            lines.append("No one-at-a-time design of the policies keeps the limits.")
+        others = len(contest.ties) - 1
+        lines.append("No other design that was looked at ties with it on these seeds." if others < 1 else
+                     f"{others} other design{'s' if others > 1 else ''} cannot be told from it on these seeds "
+                     "(ties.csv).")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Path) -> None:
+    contest = found.contest
+    tables = {"finals": contest.finals, "curve": contest.curve, "ties": contest.ties}
+    tables |= {} if contest.policies.empty else {"policies": contest.policies}
+    tables |= {} if found.front is None else {"front": found.front}
+    for name, table in tables.items():
+        write_table(folder / name, table)
+    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+    best = contest.chosen
+    record = {
+        "chosen": {item.name: float(best[item.name]) for item in fields(Design)},
+        "method": best["method"],
+        "kept_limits_at_choice": bool(best["kept_at_choice"]),
+        "kept_limits_on_fresh_seeds": bool(best["feasible"]),
+        "j_med": found.scale.median,
+        "j_max": found.scale.largest,
+        "first_seeds": FIRST,
+        "simulations": found.simulations,
+        "key": config.key,
+        "network": problem.objective.network.describe(),
+    }
+    write_json(folder / "record.json", record | provenance())
+
+
+@command("codesign")
+def main(cfg: DictConfig) -> None:
+    """Command line."""
+    config = load(CodesignConfig, cfg)
+    folder = output_dir()
+    found = run(config, folder)
+    print(summary(found, config.search.measure))
+    print(f"\nQoC is relative to J_med = {found.scale.median:.4g} s and J_max = {found.scale.largest:.4g} s, of the "
+          f"baseline over the deadline axis unless given.")  # fmt: skip
+    print(f"Tables, figures and the record are in {folder}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""Configuration of `python -m qocjax.advise`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from qocjax import _checks
+from qocjax.config.bounds import BoundsConfig
+from qocjax.config.part import Part
+from qocjax.config.simulation import SimulationConfig
+from qocjax.scenario import Design
+from qocjax.study.shortlist import Effort
+from qocjax.study.slack import Asked
+
+__all__ = ["AdviseConfig"]
+
+
+class MarginsConfig(Part):
+    """Which margins are asked for."""
+
+    share: float
+    target: float | None
+    reliability: float | None
+    delay_ms: float | None
+    delays: int
+    seeds: int
+    points: int
+
+
+class AdviseOptions(Part):
+    """What is asked, and how much is simulated for the answer."""
+
+    deadline_ms: float | None
+    longest_deadline_ms: float
+    max_collision_share: float
+    bounds: BoundsConfig
+    slowest: float | None
+    points: int
+    rounds: list[int]
+    finalists: int
+    fresh_seeds: int
+    margins: MarginsConfig
+
+
+class AdviseConfig(SimulationConfig):
+    """Everything that `python -m qocjax.advise` reads."""
+
+    advise: AdviseOptions
+    figures: bool
+
+    def current(self) -> Design:
+        """The design in use: the configured gains at the configured deadline, or the default one."""
+        given = self.advise.deadline_ms
+        return self.baseline() if given is None else replace(self.baseline(), deadline=given / 1e3)
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Parameters that may change; speed caps stay within the robot's.
+
+        Raises:
+            ValueError: Not two numbers, or more than the robot can do.
+        """
+        found, slowest = self.advise.bounds.build("advise.bounds"), self.advise.slowest
+        if slowest is not None:
+            _checks.bounded("advise.slowest", slowest, above=0, most=1)
+            if "v_max" not in found and slowest < 1:
+                found["v_max"] = (slowest * self.robot.v_max, self.robot.v_max)
+        for name, cap in (("v_max", self.robot.v_max), ("omega_max", self.robot.omega_max)):
+            if name in found and found[name][1] > cap:
+                raise ValueError(f"advise.bounds.{name}: got {found[name][1]:g}, expected at most the robot's {cap:g}")
+        return found
+
+    def asked(self) -> Asked:
+        """Which margins are asked for."""
+        part = self.advise.margins
+        delay = None if part.delay_ms is None else part.delay_ms / 1e3
+        return Asked(part.share, part.target, part.reliability, delay, part.delays, part.seeds, part.points)
+
+    def effort(self) -> Effort:
+        """How much to simulate."""
+        options = self.advise
+        return Effort(options.points, tuple(options.rounds), options.finalists, options.fresh_seeds)

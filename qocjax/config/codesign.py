@@ -1,0 +1,105 @@
+"""Configuration of `python -m qocjax.codesign`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from qocjax.config.bounds import BoundsConfig
+from qocjax.config.part import Part
+from qocjax.config.study import StudyConfig
+from qocjax.network.demand import Carrier, Traffic
+from qocjax.study.search import Limits, Measure, Space
+
+__all__ = ["CodesignConfig"]
+
+
+class SearchConfig(Part):
+    """Where a search moves, and with what."""
+
+    bounds: BoundsConfig
+    tau: list[float]
+    deadline_ms: list[float] | None
+    methods: list[str]
+    budget: int
+    repetitions: int
+    block: int
+    measure: str
+    tail: float
+
+
+class LimitsConfig(Part):
+    """What is asked of a design; null asks nothing."""
+
+    collision_share: float | None
+    reliability: float | None
+    loops_per_s: float | None
+    uplink_kbit_s: float | None
+    downlink_kbit_s: float | None
+    carrier_share: float | None
+
+    def build(self) -> Limits:
+        """The limits."""
+        return Limits(**self.model_dump())
+
+
+class CarrierConfig(Part):
+    """The 5G carrier."""
+
+    bandwidth_mhz: int
+    numerology: int
+    mcs_uplink: int
+    mcs_downlink: int
+    layers_uplink: int
+    layers_downlink: int
+    uplink_share: float
+    downlink_share: float
+
+
+class TrafficConfig(Part):
+    """The messages of a loop and their carrier."""
+
+    uplink_bytes: float
+    downlink_bytes: float
+    carrier: CarrierConfig
+
+    def build(self) -> Traffic:
+        """The traffic."""
+        return Traffic(self.uplink_bytes, self.downlink_bytes, Carrier(**self.carrier.model_dump()))
+
+
+class FrontConfig(Part):
+    """The front of QoC against demand."""
+
+    method: str
+    budget: int
+
+
+class CodesignConfig(StudyConfig):
+    """Everything that `python -m qocjax.codesign` reads."""
+
+    search: SearchConfig
+    limits: LimitsConfig
+    traffic: TrafficConfig
+    front: FrontConfig | None
+
+    def build_space(self) -> Space:
+        """Where the search moves.
+
+        Raises:
+            ValueError: Bad bounds, or an empty list.
+        """
+        axis = self.search.deadline_ms is None
+        milliseconds = self.sweep.deadline_ms if self.search.deadline_ms is None else self.search.deadline_ms
+        if not axis and len(milliseconds) != 2:
+            raise ValueError(f"search.deadline_ms: got {milliseconds}, expected [low, high], or null for the axis")
+        return Space(
+            self.search.bounds.build("search.bounds"),
+            self.search.tau,
+            [ms / 1e3 for ms in milliseconds],
+            axis,
+            replace(self.baseline(), deadline=milliseconds[0] / 1e3),
+        )
+
+    def build_measure(self) -> Measure:
+        """What is maximised."""
+        return Measure(self.search.measure, self.search.tail)

@@ -1,0 +1,159 @@
+"""Configuration of `python -m qocjax.tune`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import optax
+
+from qocjax import _checks
+from qocjax.config.part import Part
+from qocjax.config.simulation import SimulationConfig
+from qocjax.quality import QocScale
+from qocjax.study.tuning import DEFAULT_BOUNDS, Bounds, Search, make_estimator
+
+__all__ = ["TuneConfig"]
+
+SCHEDULES = ("constant", "cosine", "exponential")
+
+
+class _Rule(Part):
+    """What all optimisers have: a rate, and how it falls."""
+
+    rate: float
+    schedule: str
+    last_rate: float
+
+    def rates(self, steps: int) -> optax.Schedule:
+        """The rate by step."""
+        _checks.choice("optimiser.schedule", self.schedule, SCHEDULES)
+        _checks.bounded("optimiser.rate", self.rate, above=0)
+        _checks.bounded("optimiser.last_rate", self.last_rate, above=0)
+        share = self.last_rate / self.rate
+        if self.schedule == "cosine":
+            return optax.cosine_decay_schedule(self.rate, steps, share)
+        if self.schedule == "exponential":
+            return optax.exponential_decay(self.rate, steps, share)
+        return optax.constant_schedule(self.rate)
+
+
+class AdamConfig(_Rule):
+    """Adam."""
+
+    method: Literal["adam"]
+    b1: float
+    b2: float
+
+    def build(self, steps: int) -> optax.GradientTransformation:
+        """The rule with its schedule."""
+        for name in ("b1", "b2"):
+            _checks.bounded(f"optimiser.{name}", 1.0 - getattr(self, name), above=0, most=1)
+        return optax.adam(self.rates(steps), b1=self.b1, b2=self.b2)
+
+
+class SgdConfig(_Rule):
+    """Gradient ascent with momentum."""
+
+    method: Literal["sgd"]
+    momentum: float
+
+    def build(self, steps: int) -> optax.GradientTransformation:
+        """The rule with its schedule."""
+        _checks.bounded("optimiser.momentum", self.momentum, least=0, most=1)
+        return optax.sgd(self.rates(steps), momentum=self.momentum)
+
+
+class BoundsConfig(Part):
+    """Lower and upper bound of each parameter that may be tuned."""
+
+    kappa: list[float]
+    gamma: list[float]
+    eta: list[float]
+    c_miss: list[float]
+    v_max: list[float]
+    omega_max: list[float]
+    d_safe: list[float]
+
+
+class TuningConfig(Part):
+    """What is tuned, how, and on which seeds."""
+
+    wrt: list[str]
+    bounds: BoundsConfig
+    deadline_ms: list[float]
+    estimator: str
+    starts: int
+    from_baseline: bool
+    steps: int
+    step_seeds: int
+    width: float
+    last_width: float
+    average: float
+    patience: int
+    tolerance: float
+    seeds: int
+    evaluation_seeds: int
+    landscape: int
+    j_med: float | None
+    j_max: float | None
+
+
+class TuneConfig(SimulationConfig):
+    """Everything that `python -m qocjax.tune` reads."""
+
+    optimiser: AdamConfig | SgdConfig
+    tune: TuningConfig
+    figures: bool
+
+    def build_bounds(self) -> Bounds:
+        """What is tuned, and between what.
+
+        Raises:
+            ValueError: Other bounds than the default ones of a parameter that is not tuned, or what `Bounds` raises.
+        """
+        given = self.tune.bounds.model_dump()
+        for name, pair in given.items():
+            if name not in self.tune.wrt and tuple(pair) != DEFAULT_BOUNDS[name]:
+                raise ValueError(
+                    f"tune.bounds.{name}: got {pair}, but tune.wrt is [{', '.join(self.tune.wrt)}]: {name} is not tuned"
+                )
+        return Bounds(self.tune.wrt, given)
+
+    def build_search(self) -> Search:
+        """How to search."""
+        part = self.tune
+        _checks.count("tune.steps", part.steps)
+        return Search(
+            self.optimiser.build(part.steps), make_estimator(part.estimator), part.steps, part.step_seeds,
+            part.width, part.last_width, part.average, part.patience, part.tolerance, random=self.key % 2**32,
+        )  # fmt: skip
+
+    def deadlines(self) -> np.ndarray:
+        """The deadline axis (s).
+
+        Raises:
+            ValueError: No deadline, or one twice.
+        """
+        axis = self.tune.deadline_ms
+        if not axis or len(set(axis)) != len(axis):
+            raise ValueError(f"tune.deadline_ms: got {axis}, expected at least one deadline, each once")
+        return np.asarray(_checks.bounded("tune.deadline_ms", axis, least=0), np.float64) / 1e3
+
+    def seeds(self) -> tuple[range, range]:
+        """Selection and evaluation seeds: consecutive, so never in both."""
+        for name in ("seeds", "evaluation_seeds"):
+            _checks.count(f"tune.{name}", getattr(self.tune, name), least=2)
+        first = self.tune.seeds
+        return range(first), range(first, first + self.tune.evaluation_seeds)
+
+    def scale(self) -> QocScale | None:
+        """J_med and J_max where both are given.
+
+        Raises:
+            ValueError: Only one is.
+        """
+        given = (self.tune.j_med, self.tune.j_max)
+        if (given[0] is None) != (given[1] is None):
+            raise ValueError(f"tune.j_med, tune.j_max: got {given[0]} and {given[1]}, expected both or neither")
+        return None if given[0] is None or given[1] is None else QocScale(given[0], given[1])

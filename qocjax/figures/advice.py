@@ -1,0 +1,107 @@
+"""The figure of an advice: where the deadline lies, what it gains, and what a worse network takes away."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from qocjax.figures.quantities import DEADLINE_LABEL, RELIABILITY_LABEL
+from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, paper_style
+from qocjax.figures.tables import check_table
+
+__all__ = ["advice_figure"]
+
+_ENDS = ("", "_low", "_high")
+_CURVE = ("deadline", "reliability", *(f"qoc_{who}{end}" for who in ("recommended", "current") for end in _ENDS))
+_RECOMMENDED, _CURRENT = OKABE_ITO[0], OKABE_ITO[1]
+
+
+def advice_figure(
+    curve: pd.DataFrame,
+    judged: pd.DataFrame,
+    stress: pd.DataFrame,
+    margin: tuple[float, float],
+    deadlines: tuple[float, float],
+    *,
+    width: float = DOUBLE_COLUMN,
+    height: float = 2.9,
+) -> Figure:
+    """Draws QoC over the deadline with the margin, and the QoC of what was judged with its 95 % interval.
+
+    Args:
+        curve: Over the deadline (s): reliability, and QoC of recommended and current gains with interval ends.
+        judged: what, qoc, qoc_low, qoc_high of the current and the recommended design.
+        stress: what, qoc, change_low, change_high of the recommended design on worse networks; the first row is the
+            network as it is, to which the changes are paired.
+        margin: Deadlines (s) between which QoC stays close to its best.
+        deadlines: Recommended and current (s).
+        width: Inches.
+        height: Inches.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ValueError: A table is empty, lacks a column, or holds what cannot be drawn.
+    """
+    check_table(curve, "curve", _CURVE)
+    check_table(judged, "judged", ("qoc", "qoc_low", "qoc_high"))
+    check_table(stress, "stress", ("qoc", "change_low", "change_high"))
+    with paper_style():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(wspace=0.06)
+        left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
+        _draw_curves(left, curve, margin, deadlines)
+        _draw_bars(right, judged, stress)
+    return figure
+
+
+def _draw_curves(axes: Axes, curve: pd.DataFrame, margin: tuple[float, float], deadlines: tuple[float, float]) -> None:
+    x = 1e3 * curve["deadline"]
+    axes.set_xscale("log")
+    axes.axvspan(1e3 * margin[0], 1e3 * margin[1], color=_RECOMMENDED, alpha=0.12, lw=0, label="margin")
+    for who, colour, at, style in (
+        ("recommended", _RECOMMENDED, deadlines[0], "-"),
+        ("current", _CURRENT, deadlines[1], "--"),
+    ):
+        axes.plot(x, curve[f"qoc_{who}"], color=colour, ls=style, lw=1.3, label=f"{who} gains")
+        axes.fill_between(x, curve[f"qoc_{who}_low"], curve[f"qoc_{who}_high"], color=colour, alpha=0.25, lw=0)
+        if at > 0:
+            axes.axvline(1e3 * at, color=colour, ls=style, lw=0.8)
+    second = axes.twinx()
+    second.plot(x, curve["reliability"], color=GREY, ls=":", lw=1.2)
+    second.set_ylim(0.0, 1.04)
+    second.set_ylabel(RELIABILITY_LABEL, color=GREY)
+    second.tick_params(axis="y", colors=GREY)
+    axes.set_zorder(second.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    axes.set_xlim(min(x.min(), *(1e3 * at for at in deadlines if at > 0)), max(x.max(), 1e3 * max(deadlines)))
+    ratio = x.max() / x.min()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5, 7) if ratio < 8 else (1, 2, 5) if ratio < 30 else (1, 3)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(DEADLINE_LABEL)
+    axes.set_ylabel("QoC")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+
+
+def _draw_bars(axes: Axes, judged: pd.DataFrame, stress: pd.DataFrame) -> None:
+    rows = [(row.what, row.qoc, row.qoc_low, row.qoc_high, _CURRENT if k < len(judged) - 1 else _RECOMMENDED)
+            for k, row in enumerate(judged.itertuples())]  # fmt: skip
+    base = float(stress["qoc"].iloc[0])
+    rows += [(row.what, row.qoc, base + row.change_low, base + row.change_high, "0.75")
+             for row in stress.iloc[1:].itertuples()]  # fmt: skip
+    for place, (_, qoc, low, high, colour) in enumerate(rows):
+        axes.barh(place, qoc, 0.66, color=colour, edgecolor="k", lw=0.5)
+        axes.plot([low, high], [place, place], color="k", lw=1.0)
+        axes.annotate(f"{qoc:.3f}", (high, place), (3, 0), textcoords="offset points", va="center", fontsize=7)
+    axes.set_yticks(range(len(rows)), labels=[what.replace("current gains, ", "current gains,\n") for what, *_ in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 1.16 * max(high for *_, high, _ in rows))
+    axes.set_xlabel("QoC")

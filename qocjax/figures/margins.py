@@ -1,0 +1,103 @@
+"""QoC over delay and reliability set apart, with the network's own curve through them (model, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from qocjax.figures.style import COLOUR_MAP, POLICIES, SINGLE_COLUMN, paper_style
+from qocjax.figures.tables import check_table
+
+__all__ = ["delay_reliability_map"]
+
+_LEVELS = 7  # contours, about
+_WIDE = 30  # ratio of delays above which their axis is logarithmic
+
+
+def delay_reliability_map(
+    plane: pd.DataFrame,
+    curve: pd.DataFrame,
+    points: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    width: float = SINGLE_COLUMN,
+    height: float = 2.7,
+) -> Figure:
+    """Draws contours of equal QoC over constant delay and independent completion, and the curve (Δ, F(Δ)) on them.
+
+    Reliability is drawn on a logarithmic axis: whether one loop in fifty or one in ten completes matters as much.
+
+    Args:
+        plane: One row per cell: delay (s), reliability, qoc.
+        curve: The network's own deadline (s) and reliability.
+        points: (deadline, reliability) of policies, by name.
+        width: Inches.
+        height: Inches.
+
+    Returns:
+        The figure.
+
+    Raises:
+        ValueError: A table is empty, lacks a column or a cell, or holds what cannot be drawn.
+    """
+    check_table(plane, "plane", ("delay", "reliability", "qoc"))
+    check_table(curve, "curve", ("deadline", "reliability"))
+    grid = plane[plane["reliability"] > 0].pivot(index="reliability", columns="delay", values="qoc")
+    if min(grid.shape) < 2 or grid.isna().any(axis=None):
+        raise ValueError(
+            f"plane: got {grid.shape} reliabilities above 0 and delays, expected a full grid, 2 x 2 at least"
+        )
+    with paper_style():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        axes = figure.add_subplot()
+        _draw_contours(figure, axes, grid)
+        line = _draw_curve(axes, curve, float(grid.index[0]))
+        handles = [line, *(_draw_point(axes, name, *at, float(grid.index[0])) for name, at in (points or {}).items())]
+        axes.set_xlabel(r"Delay $D$, or deadline $\Delta$ (ms)")
+        axes.set_ylabel("Share of loops that complete")
+        if grid.columns[0] > 0 and grid.columns[-1] / grid.columns[0] > _WIDE:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_locator(
+                LogLocator(subs=(1, 2, 5) if grid.columns[-1] < 200 * grid.columns[0] else (1,))
+            )
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlim(1e3 * grid.columns[0], 1e3 * grid.columns[-1])
+        axes.set_ylim(grid.index[0], 1.0)
+        figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=1.4)
+    return figure
+
+
+def _draw_contours(figure: Figure, axes: Axes, grid: pd.DataFrame) -> None:
+    axes.set_yscale("log")
+    delay, reliability = 1e3 * grid.columns.to_numpy(float), grid.index.to_numpy(float)
+    filled = axes.contourf(delay, reliability, grid.to_numpy(), 24, cmap=COLOUR_MAP)
+    lines = axes.contour(delay, reliability, grid.to_numpy(), _LEVELS, colors="w", linewidths=0.6)
+    axes.clabel(lines, fontsize=6.5, fmt="%.3g", colors="w")
+    bar = figure.colorbar(filled, ax=axes, label="QoC", pad=0.04, aspect=18)
+    bar.outline.set_linewidth(0.6)
+    share = [level for level in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if level >= reliability[0]]
+    axes.set_yticks(share, labels=[f"{level:.0%}" for level in share])
+    axes.tick_params(axis="y", which="minor", length=0, labelleft=False)
+
+
+def _draw_curve(axes: Axes, curve: pd.DataFrame, floor: float) -> Line2D:
+    ordered = curve.sort_values("deadline")
+    share = np.maximum(ordered["reliability"].to_numpy(float), 0.5 * floor)
+    (line,) = axes.plot(1e3 * ordered["deadline"], share, color="k", lw=1.4, label=r"$F(\Delta)$ of the network")
+    line.set_path_effects([Stroke(linewidth=2.6, foreground="w"), Normal()])
+    return line
+
+
+def _draw_point(axes: Axes, name: str, deadline: float, reliability: float, floor: float) -> Line2D:
+    look = POLICIES[name]
+    (point,) = axes.plot([1e3 * deadline], [max(reliability, floor)], ls="", marker=look.marker, ms=look.size,
+                         mfc=look.colour, mec="k", mew=0.7, clip_on=False, zorder=5, label=name)  # fmt: skip
+    point.set_path_effects([Stroke(linewidth=2.0, foreground="w"), Normal()])
+    return point

@@ -1,0 +1,202 @@
+"""Advice on a network: how it is, which deadline and gains to set, and what that is worth (model, sections 4 to 6)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from qocjax import _checks
+from qocjax.network import Network
+from qocjax.network.schedule import Rules
+from qocjax.quality import QocScale
+from qocjax.scenario import Design, Scenario
+from qocjax.study.character import candidate_deadlines, characterise, quantiles
+from qocjax.study.margins import Bound, Margin, deadline_margin
+from qocjax.study.objective import Objective, pilot_scale
+from qocjax.study.policies import MIN_RELIABILITY
+from qocjax.study.sensitivity import Box, elasticities, sobol
+from qocjax.study.shortlist import NAMES, Effort, along_deadlines, join, row, shortlist
+from qocjax.study.slack import Asked, Slack, find_slack
+from qocjax.study.statistics import estimate, paired
+from qocjax.study.stress import largest_growth, of_runs, stress_table
+from qocjax.study.sweep import qoc_by_seed
+
+__all__ = ["Advice", "advise", "plain"]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What is advised, and what it rests on."""
+
+    network: dict[str, Any]  # what the network is
+    character: dict[str, Any]  # how it behaves at the recommended deadline
+    recommended: Design
+    current: Design  # what it is compared with
+    max_collision_share: float  # the limit that it was chosen under
+    policy: str  # which of the three the current deadline amounts to
+    judged: pd.DataFrame  # current, current gains at the recommended deadline, recommended: on fresh seeds
+    stress: pd.DataFrame  # recommended on networks that became worse
+    ties: pd.DataFrame  # finalists that are not worse than the recommended, as far as the fresh seeds can tell
+    margin: Margin  # of the recommended gains
+    current_margin: Margin  # of the current gains
+    curve: pd.DataFrame  # QoC and F over the deadline, for both gains
+    growth: Bound  # factor by which all loop times may grow, the deadline kept, until QoC leaves the margin
+    elasticities: pd.DataFrame
+    sobol: pd.DataFrame | None  # global indices over the bounds and the deadlines tried
+    policies: tuple[tuple[str, float, float], ...]  # policy, its deadline, F there
+    slack: Slack | None
+    scale: QocScale
+    seeds: dict[str, int]
+    simulations: int
+
+
+def advise(
+    scenario: Scenario,
+    network: Network,
+    current: Design,
+    bounds: dict[str, tuple[float, float]],
+    *,
+    rules: Rules | None = None,
+    key: int = 0,
+    longest_deadline: float = 0.8,
+    max_collision_share: float = 0.01,
+    effort: Effort | None = None,
+    asked: Asked | None = None,
+) -> Advice:
+    """Recommends deadline and gains for a network, and says what they gain over the current ones.
+
+    Args:
+        scenario: Robots and yardstick.
+        network: Where loop times come from.
+        current: Numbers; its tau stays, its deadline is what one uses now.
+        bounds: Parameters that may change, with their bounds.
+        rules: Actuation and hold.
+        key: Root of all random numbers.
+        longest_deadline: Longest deadline to consider (s).
+        max_collision_share: Largest share of runs in which robots may come closer than two radii.
+        effort: How much to simulate for the recommendation.
+        asked: Which margins to work out.
+
+    Raises:
+        ValueError: An argument is out of range, hardly a loop completes by the longest deadline, or no design keeps
+            the collision share: the message names the one that comes closest.
+    """
+    rules, effort, asked = rules or Rules(), effort or Effort(), asked or Asked()
+    _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
+    _checks.bounded("margins.delay", asked.delay or 0.0, most=longest_deadline)
+    box, axis = Box(current, bounds), candidate_deadlines(network, longest_deadline)
+    fine = np.unique(np.concatenate([axis, np.geomspace(axis[0], longest_deadline, 12)]))
+    pilot = [0.0, *fine.tolist()]  # from a deadline at which hardly a robot moves: the worst that can happen
+    scale = pilot_scale(scenario, network, current, pilot, range(effort.rounds[0]), rules=rules, key=key)
+    objective = Objective(scenario, network, scale, rules, key, simulations=len(pilot) * effort.rounds[0])
+    finalists = shortlist(objective, box, axis, max_collision_share, effort)
+    fresh = range(effort.rounds[-1], effort.rounds[-1] + effort.fresh_seeds)
+    best = row(finalists, 0)
+    judged, ties = _judge(objective, finalists, current, fresh)
+    few, some = fresh[: asked.seeds], fresh[: max(asked.seeds, len(fresh) // 4)]
+    curve, margins = _curves(objective, best, current, fine, some, asked.share)
+    names = [name for name in (*bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
+    return Advice(
+        network=network.describe(),
+        character=characterise(network, float(np.asarray(best.tau)), float(np.asarray(best.deadline)), key),
+        recommended=best,
+        current=current,
+        max_collision_share=max_collision_share,
+        policy=_policy(float(np.asarray(current.deadline)), margins[1]),
+        judged=judged,
+        stress=stress_table(objective, best, fresh),
+        ties=ties,
+        margin=margins[0],
+        current_margin=margins[1],
+        curve=curve,
+        growth=largest_growth(objective, best, fresh, asked.share),
+        elasticities=elasticities(objective, best, fresh, names),
+        sobol=sobol(objective, box, axis.tolist(), few, asked.points, abs(key)) if asked.points else None,
+        policies=_policies(network, best, longest_deadline),
+        slack=find_slack(objective, best, longest_deadline, few, asked) if asked.delays else None,
+        scale=scale,
+        seeds={"search": effort.rounds[-1], "fresh": len(fresh), "first_fresh": fresh[0]},
+        simulations=objective.simulations,
+    )
+
+
+def _judge(
+    objective: Objective, finalists: Design, current: Design, seeds: Sequence[int]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The table of the three, and the finalists tied with the recommended, on fresh seeds."""
+    middle = replace(current, deadline=float(np.asarray(finalists.deadline)[0]))
+    designs = join(finalists, middle, current)
+    runs = objective.runs(designs, seeds)
+    scores = qoc_by_seed(runs, objective.scale)
+    count = scores.shape[0] - 2
+    named = (("current", count + 1), ("current gains, recommended deadline", count), ("recommended", 0))
+    table = []
+    for what, k in named:
+        reliability = float(objective.network.reliability(np.float64(np.asarray(designs.deadline)[k])))
+        score, gain = estimate(scores[k]), paired(scores[k], scores[count + 1])
+        found = {
+            "what": what, "deadline": float(np.asarray(designs.deadline)[k]), "reliability": reliability,
+            "qoc": score.mean, "qoc_low": score.low, "qoc_high": score.high,
+            "gain": gain.mean, "gain_low": gain.low, "gain_high": gain.high,
+        }  # fmt: skip
+        table.append(found | of_runs(runs, k))
+    tied = []
+    for k in range(count):
+        gap = paired(scores[k], scores[0])
+        if gap.high >= 0.0:
+            values = {name: float(np.asarray(getattr(designs, name))[k]) for name in NAMES}
+            tied.append(values | {"qoc": float(scores[k].mean()), "difference": gap.mean,
+                                  "difference_low": gap.low, "difference_high": gap.high})  # fmt: skip
+    return pd.DataFrame(table), pd.DataFrame(tied)
+
+
+def _curves(
+    objective: Objective, best: Design, current: Design, axis: np.ndarray, seeds: Sequence[int], share: float
+) -> tuple[pd.DataFrame, tuple[Margin, Margin]]:
+    """QoC over the deadline for both gains, and the margin of each."""
+    axis = np.union1d(axis, [float(np.asarray(best.deadline))])
+    designs = join(along_deadlines(best, axis), along_deadlines(current, axis))
+    scores = objective.scores(designs, seeds).reshape(2, axis.size, -1)
+    table: dict[str, Any] = {"deadline": axis, "reliability": objective.network.reliability(axis)}
+    for name, values in zip(("recommended", "current"), scores, strict=True):
+        found = [estimate(row) for row in values]
+        table |= {f"qoc_{name}": [e.mean for e in found], f"qoc_{name}_low": [e.low for e in found],
+                  f"qoc_{name}_high": [e.high for e in found]}  # fmt: skip
+    return pd.DataFrame(table), (deadline_margin(axis, scores[0], share), deadline_margin(axis, scores[1], share))
+
+
+def _policy(deadline: float, margin: Margin) -> str:
+    """Which policy a deadline amounts to: within the margin of its gains Co-design, before MinDelay, after MaxRel."""
+    low, high = (bound.value if bound.value is not None else margin.best for bound in (margin.low, margin.high))
+    if deadline < low * (1 - 1e-9):
+        return "MinDelay"
+    return "MaxRel" if deadline > high * (1 + 1e-9) else "Co-design"
+
+
+def _policies(network: Network, best: Design, longest: float) -> tuple[tuple[str, float, float], ...]:
+    """Where the three policies stand: deadline (s) and F."""
+    least = float(quantiles(network, [MIN_RELIABILITY], longest)[0])
+    chosen = {"MinDelay": least, "Co-design": float(np.asarray(best.deadline)), "MaxRel": longest}
+    return tuple((name, at, float(network.reliability(np.float64(at)))) for name, at in chosen.items())
+
+
+def plain(values: Any) -> Any:
+    """Plain Python values for a file: no NumPy, six digits; what is not finite becomes None."""
+    if isinstance(values, dict):
+        return {str(key): plain(value) for key, value in values.items()}
+    if isinstance(values, pd.DataFrame):
+        return [plain(row) for row in values.to_dict("records")]
+    if hasattr(values, "__dataclass_fields__"):
+        return plain(asdict(values))
+    if isinstance(values, (list, tuple)):
+        return [plain(value) for value in values]
+    if isinstance(values, (np.generic, np.ndarray)):
+        values = values.item()
+    if not isinstance(values, float):
+        return values
+    return float(f"{values:.6g}") if math.isfinite(values) else None

@@ -1,0 +1,82 @@
+"""QoC against network demand: which designs nothing beats in both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from qocjax.scenario import Design
+from qocjax.study.search import CHOICE_SEEDS, FIRST, Problem, find, judge, stacked, take
+
+__all__ = ["demand_front", "on_front"]
+
+
+def on_front(demand: ArrayLike, score: ArrayLike) -> np.ndarray:
+    """Which points [G] no other beats: none asks as little and scores more, or asks less and scores as much.
+
+    Raises:
+        ValueError: Different lengths, or a number that is not finite.
+    """
+    asks, scores = np.asarray(demand, float), np.asarray(score, float)
+    if asks.shape != scores.shape or asks.ndim != 1:
+        raise ValueError(f"score: got shape {scores.shape}, expected that of the demand {asks.shape}, one per point")
+    if not (np.isfinite(asks).all() and np.isfinite(scores).all()):
+        raise ValueError("demand, score: got a number that is not finite, expected finite ones")
+    no_worse = (asks[None, :] <= asks[:, None]) & (scores[None, :] >= scores[:, None])
+    better = (asks[None, :] < asks[:, None]) | (scores[None, :] > scores[:, None])
+    return ~np.any(no_worse & better, axis=1)
+
+
+def demand_front(
+    problem: Problem, method: str, budget: int, seeds: range, also: Design | None = None, *, key: int = 0
+) -> pd.DataFrame:
+    """The best design of each sampling period, which alone sets the demand, judged on fresh seeds.
+
+    Each sampling period has its own search. What they find is then tried at every sampling period, on the choice
+    seeds: what is good at one is often good at its neighbours.
+    The loop times are those of the network whatever the demand: a network that slows down under load is not modelled.
+
+    Args:
+        problem: What is to be found; its space names the sampling periods.
+        method: That searches for each of them.
+        budget: Simulations of each search.
+        seeds: To judge on.
+        also: Further designs to try at every sampling period.
+        key: Root of the random numbers of the method.
+
+    Returns:
+        The table of `judge` with `front`: on the front of score against loops per second, among those that keep the
+        limits.
+    """
+    candidates = [] if also is None else [also]
+    for place, tau in enumerate(problem.space.tau):
+        only = replace(problem, space=replace(problem.space, tau=(tau,)))
+        candidates.append(find(only, method, budget, repetition=_FIRST + place, key=key).finalists)
+    designs = _best_of_each_tau(problem, stacked(candidates))
+    table = judge(problem, designs, seeds).table
+    kept = table["feasible"].to_numpy()
+    table["front"] = False
+    table.loc[kept, "front"] = on_front(table.loc[kept, "loops_per_s"], table.loc[kept, "score"])
+    return table
+
+
+def _best_of_each_tau(problem: Problem, candidates: Design) -> Design:
+    """The best of the candidates at each sampling period: all on some of the choice seeds, the better ones on all."""
+    count, chosen = len(np.asarray(candidates.tau)), []
+    for tau in problem.space.tau:
+        here, number = replace(candidates, tau=np.full(count, tau)), count
+        for share in (8, 1):
+            seeds = range(FIRST["choice"], FIRST["choice"] + CHOICE_SEEDS // share)
+            scores, collided = problem.simulate(here, seeds)
+            fitness = problem.fitness(scores, problem.excess(here, collided, cautious=share == 1))
+            number = min(_KEPT, number) if share > 1 else 1
+            here = take(here, np.argsort(-fitness, kind="stable")[:number])
+        chosen.append(here)
+    return stacked(chosen)
+
+
+_FIRST = 100  # the numbers below are those of the repetitions of a comparison
+_KEPT = 12

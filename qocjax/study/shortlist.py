@@ -1,0 +1,101 @@
+"""A modest joint search: Sobol points times deadlines, halved over ever more seeds, within a collision limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from qocjax import _checks
+from qocjax.scenario import Design
+from qocjax.study.objective import Objective
+from qocjax.study.sensitivity import Box
+from qocjax.study.sweep import qoc_by_seed
+
+__all__ = ["NAMES", "Effort", "along_deadlines", "join", "row", "shortlist"]
+
+NAMES = [item.name for item in fields(Design)]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is simulated: Sobol points times deadlines, halved over ever more seeds; the chosen on fresh ones."""
+
+    points: int = 64
+    rounds: tuple[int, ...] = (8, 32, 128)  # seeds of each, the first part of the next
+    finalists: int = 12
+    fresh_seeds: int = 256
+
+    def __post_init__(self) -> None:
+        for name in ("points", "finalists"):
+            _checks.count(name, getattr(self, name))
+        _checks.count("fresh_seeds", self.fresh_seeds, least=2)
+        if len(self.rounds) == 0 or min(self.rounds) < 2 or list(self.rounds) != sorted(set(self.rounds)):
+            raise ValueError(f"rounds: got {list(self.rounds)}, expected ascending numbers of seeds, each at least 2")
+
+
+def shortlist(objective: Objective, box: Box, axis: np.ndarray, limit: float, effort: Effort) -> Design:
+    """Finalists, the best first: Sobol points over the box, again over the box of the best, then successive halving."""
+    rng = np.random.default_rng(objective.key % 2**32)
+    seeds = range(effort.rounds[0])
+    unit = box.points(effort.points, rng)
+    pool = join(_crossed(box, unit, axis), along_deadlines(box.baseline, axis))
+    score, share = _measure(objective, pool, seeds)
+    elite = _order(score, share, limit)[: 2 * effort.finalists]
+    # The second round: the smallest box that holds the best, widened, as it holds few of them.
+    inside = unit[elite[elite < len(unit) * axis.size] // axis.size]
+    if len(inside):
+        low, high = np.clip([inside.min(axis=0) - 0.05, inside.max(axis=0) + 0.05], 0.0, 1.0)
+        nearby = np.unique(np.asarray(pool.deadline)[elite])
+        pool = join(_pick(pool, elite), _crossed(box, low + (high - low) * box.points(effort.points, rng), nearby))
+        score, share = _measure(objective, pool, seeds)
+    for k, count in enumerate(effort.rounds[1:], start=1):
+        left = max(effort.finalists, score.size // 8 if k < len(effort.rounds) - 1 else effort.finalists)
+        pool = _pick(pool, _order(score, share, limit)[:left])
+        score, share = _measure(objective, pool, range(count))
+    order = _order(score, share, limit)[: effort.finalists]
+    if share[order[0]] > limit:
+        least = row(pool, int(order[0]))
+        values = ", ".join(f"{name}={float(getattr(least, name)):.3g}" for name in (*box.bounds, "deadline"))
+        raise ValueError(
+            f"max_collision_share: got {limit:g}, which no design that was tried keeps; the closest has "
+            f"{share[order[0]]:.3g}, with {values}"
+        )
+    return _pick(pool, order[share[order] <= limit])
+
+
+def _measure(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean QoC and share of collisions of each design."""
+    runs = objective.runs(designs, seeds)
+    return qoc_by_seed(runs, objective.scale).mean(axis=1), runs["collided"].values.mean(axis=1)
+
+
+def _order(score: np.ndarray, share: np.ndarray, limit: float) -> np.ndarray:
+    """Best first: those within the limit by QoC, then the others by how far they are from it."""
+    return np.lexsort((-score, np.maximum(share - limit, 0.0)))
+
+
+def _crossed(box: Box, unit: np.ndarray, axis: np.ndarray) -> Design:
+    """Every point with every deadline, the deadline running fastest."""
+    return box.designs(np.repeat(unit, axis.size, axis=0), np.tile(axis, len(unit)))
+
+
+def along_deadlines(current: Design, axis: np.ndarray) -> Design:
+    """One design with every deadline (s)."""
+    values = {name: np.full(axis.size, float(np.asarray(getattr(current, name)))) for name in NAMES}
+    return Design(**values | {"deadline": axis})
+
+
+def join(*designs: Design) -> Design:
+    """Designs of several groups, one after the other."""
+    return Design(**{n: np.concatenate([np.atleast_1d(getattr(d, n)) for d in designs]) for n in NAMES})
+
+
+def _pick(designs: Design, index: np.ndarray) -> Design:
+    return Design(**{name: np.asarray(getattr(designs, name))[index] for name in NAMES})
+
+
+def row(designs: Design, index: int) -> Design:
+    """One design of a group, as numbers."""
+    return Design(**{name: float(np.asarray(getattr(designs, name))[index]) for name in NAMES})

@@ -1,0 +1,110 @@
+"""How far delay or reliability may go, each by itself, and which parameters matter over the whole box."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from qocjax import _checks
+from qocjax.scenario import Design
+from qocjax.study.margins import Bound, delay_reliability_plane, largest_delay, smallest_reliability
+from qocjax.study.objective import Objective
+
+__all__ = ["Asked", "Slack", "find_slack"]
+
+_SHARES = (0.01, 0.03, 0.1, 0.3, 0.6, 1.0)  # reliabilities of the plane, beside the one that is asked for
+_SHORTEST = 0.01  # s, delays of the plane begin here, or at the shortest one that is asked for
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Which margins are asked for, and how much is simulated for them.
+
+    Attributes:
+        share: The margin is where QoC stays within this share of its best.
+        target: QoC to keep; None takes that of the design on the plane, less the share.
+        reliability: At which the largest delay is asked for; None takes F at the design's deadline.
+        delay: At which the smallest reliability is asked for (s); None takes the design's deadline.
+        delays: Delays of the plane; 0 leaves plane and inverse questions out.
+        seeds: Of the plane and the Sobol indices.
+        points: Of the Sobol indices, a power of two; 0 leaves them out.
+    """
+
+    share: float = 0.05
+    target: float | None = None
+    reliability: float | None = None
+    delay: float | None = None
+    delays: int = 10
+    seeds: int = 16
+    points: int = 128
+
+    def __post_init__(self) -> None:
+        _checks.bounded("margins.share", self.share, above=0, most=1)
+        if self.target is not None:
+            _checks.bounded("margins.target", self.target, above=0, most=1)
+        if self.reliability is not None:
+            _checks.bounded("margins.reliability", self.reliability, above=0, most=1)
+        if self.delay is not None:
+            _checks.bounded("margins.delay", self.delay, least=0)
+        _checks.count("margins.seeds", self.seeds, least=2)
+        if self.delays and _checks.count("margins.delays", self.delays, least=0) < 3:
+            raise ValueError(f"margins.delays: got {self.delays}, expected at least 3, or 0 for no plane")
+        size = _checks.count("margins.points", self.points, least=0)
+        if size & (size - 1):
+            raise ValueError(f"margins.points: got {size}, expected a power of two, or 0 for no Sobol indices")
+
+
+@dataclass(frozen=True)
+class Slack:
+    """How far delay or reliability may go, each by itself, before QoC falls below a target; losses independent."""
+
+    delay: float  # s, at which the reliability is asked for
+    reliability: float  # at which the delay is asked for
+    target: float  # QoC to keep
+    largest_delay: Bound  # s, at this reliability
+    smallest_reliability: Bound  # at this delay
+    plane: pd.DataFrame
+
+
+def find_slack(objective: Objective, design: Design, longest: float, seeds: Sequence[int], asked: Asked) -> Slack:
+    """Answers the inverse questions from the plane of QoC over delay and reliability.
+
+    Args:
+        objective: The setting.
+        design: Numbers; its gains, and where delay or reliability are not asked for its deadline.
+        longest: Longest delay of the plane (s).
+        seeds: [S] at least two.
+        asked: What is asked for.
+
+    Raises:
+        ValueError: A delay beyond the longest.
+    """
+    deadline = float(np.asarray(design.deadline))
+    here = float(objective.network.reliability(np.float64(deadline)))
+    delay = deadline if asked.delay is None else asked.delay
+    _checks.bounded("margins.delay", delay, most=longest)
+    share = here if asked.reliability is None else asked.reliability
+    delays = np.geomspace(min(max(min(delay, deadline), 1e-3), _SHORTEST), longest, asked.delays)
+    shares = [min(_SHARES[0], share, here), *_SHARES[1:]]
+    plane = delay_reliability_plane(
+        objective, design, _with(delays, delay, deadline), _with(shares, share, here), seeds
+    )
+    target = asked.target
+    if target is None:
+        cell = plane.qoc[_nearest(plane.reliability, here), _nearest(plane.delay, deadline)]
+        target = (1.0 - asked.share) * float(cell)
+    return Slack(delay, share, target, largest_delay(plane, target, share), smallest_reliability(plane, target, delay),
+                 plane.to_table())  # fmt: skip
+
+
+def _with(values: Sequence[float] | np.ndarray, *wanted: float) -> list[float]:
+    """Ascending values that hold the wanted ones exactly, without others next to them."""
+    near = [value for value in values if all(abs(value - own) > 0.02 * own for own in wanted)]
+    return np.unique([*near, *wanted]).tolist()
+
+
+def _nearest(axis: np.ndarray, value: float) -> int:
+    return int(np.argmin(np.abs(axis - value)))

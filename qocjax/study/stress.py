@@ -1,0 +1,145 @@
+"""A network that becomes worse, and what is left of a design on it (model, section 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jax import Array
+
+from qocjax.network import Network, completes
+from qocjax.network._fields import store_float
+from qocjax.scenario import Design
+from qocjax.study.character import lost_share
+from qocjax.study.margins import Bound, reach
+from qocjax.study.objective import Objective
+from qocjax.study.statistics import paired
+from qocjax.study.sweep import qoc_by_seed
+
+__all__ = ["GROWTHS", "Stressed", "largest_growth", "of_runs", "stress_table"]
+
+GROWTHS = (1.0, 1.05, 1.15, 1.3, 1.5, 2.0, 3.0)  # of all loop times, the deadline kept
+
+
+@dataclass(frozen=True)
+class Stressed:
+    """A network that became worse: every loop takes longer, or is lost when a second copy of the network fails too.
+
+    Losses of the copy come as they do in the network itself, in bursts where it has bursts: a lost share p becomes
+    1 - (1 - p)², about 2 p. With `miss_deadline` a loop is also lost where its copy misses that deadline: so F becomes
+    F² there.
+    """
+
+    network: Network
+    delay_factor: float = 1.0
+    double_losses: bool = False
+    miss_deadline: float | None = None  # s
+
+    def __post_init__(self) -> None:
+        store_float(self, "delay_factor", above=0.0)
+        if self.miss_deadline is not None:
+            store_float(self, "miss_deadline", least=0.0)
+
+    @property
+    def name(self) -> str:
+        """Name of the network and what happened to it."""
+        doubled = self.double_losses or self.miss_deadline is not None
+        return f"{self.network.name}, delay x {self.delay_factor:g}" + (", losses doubled" if doubled else "")
+
+    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+        """Draws the loop times of one Monte Carlo seed, [P, N] s; those that stay are the network's own."""
+        times = self.network.draw(key, num_ticks, num_robots, tau)
+        if self.double_losses or self.miss_deadline is not None:
+            copy = self.network.draw(jax.random.fold_in(key, 1), num_ticks, num_robots, tau)
+            kept = jnp.isfinite(copy) if self.miss_deadline is None else completes(copy, self.miss_deadline)
+            times = jnp.where(kept, times, jnp.inf)
+        return times * self.delay_factor
+
+    def reliability(self, deadline: Any) -> np.ndarray:
+        """Returns F(deadline), float64, same shape."""
+        share = self.network.reliability(np.asarray(deadline, float) / self.delay_factor)
+        if not self.double_losses and self.miss_deadline is None:
+            return share
+        return share * self.network.reliability(np.inf if self.miss_deadline is None else self.miss_deadline)
+
+    def describe(self) -> dict[str, Any]:
+        """Returns the network as plain values."""
+        own = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "network"}
+        return {"kind": "Stressed", "name": self.name} | own | {"network": self.network.describe()}
+
+
+def of_runs(runs: xr.Dataset, k: int) -> dict[str, float]:
+    """What else is said of the k-th design of some runs."""
+    auc = runs["auc"].values[k].astype(float)
+    return {
+        "auc": float(np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean()),
+        "collision_share": float(runs["collided"].values[k].mean()),
+        "completed_share": float(runs["completed_share"].values[k].mean()),
+        "age_peak_p99": float(np.quantile(runs["age_peak"].values[k], 0.99)),
+    }
+
+
+def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> pd.DataFrame:
+    """A design on worse networks, paired with itself on the network as it is, the first row.
+
+    Args:
+        objective: The setting.
+        design: Numbers.
+        seeds: [S] at least two.
+
+    Returns:
+        Per case: what, deadline (s), reliability, qoc, change with its 95 % interval, and what `of_runs` says.
+    """
+    network, deadline = objective.network, float(np.asarray(design.deadline))
+    longer = replace(design, deadline=1.5 * deadline)
+    cases = [
+        ("as it is", network, design),
+        ("as it is, deadline x 1.5", network, longer),
+        ("delay x 1.5, deadline kept", slow := Stressed(network, delay_factor=1.5), design),
+        ("delay x 1.5, deadline x 1.5", slow, longer),
+    ]
+    if lost_share(network) > 0:
+        cases.append(("lost messages x 2", Stressed(network, double_losses=True), design))
+    cases.append(("missed loops x 2", Stressed(network, miss_deadline=deadline), design))
+    table: list[dict[str, Any]] = []
+    base: np.ndarray | None = None
+    for what, worse, chosen in cases:
+        runs, scores = _on(objective, worse, chosen, seeds)
+        base = scores if base is None else base
+        gap = paired(scores, base)
+        share = float(worse.reliability(np.float64(np.asarray(chosen.deadline))))
+        table.append(
+            {"what": what, "deadline": float(np.asarray(chosen.deadline)), "reliability": share,
+             "qoc": float(scores.mean()), "change": gap.mean, "change_low": gap.low, "change_high": gap.high}
+            | of_runs(runs, 0)
+        )  # fmt: skip
+    return pd.DataFrame(table)
+
+
+def largest_growth(objective: Objective, design: Design, seeds: Sequence[int], share: float) -> Bound:
+    """By what factor all loop times may grow, the deadline kept, until QoC falls by more than a share.
+
+    Args:
+        objective: The setting.
+        design: Numbers.
+        seeds: [S] at least two, common to all factors.
+        share: Of the QoC on the network as it is.
+    """
+    network = objective.network
+    slower = [network if growth == 1.0 else Stressed(network, growth) for growth in GROWTHS]
+    scores = np.stack([_on(objective, worse, design, seeds)[1] for worse in slower])
+    return reach(GROWTHS, scores, (1.0 - share) * float(scores[0].mean()))
+
+
+def _on(objective: Objective, network: Network, design: Design, seeds: Sequence[int]) -> tuple[xr.Dataset, np.ndarray]:
+    """Runs and QoC by seed of one design on another network; the simulations count for the objective."""
+    setting = replace(objective, network=network, simulations=0)
+    runs = setting.runs(design, seeds)
+    objective.simulations += setting.simulations
+    return runs, qoc_by_seed(runs, objective.scale)[0]

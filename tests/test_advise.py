@@ -1,0 +1,256 @@
+"""Advice: what is said of a network, the search under its limit, and the command line."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import yaml
+from hydra import compose, initialize_config_dir
+from matplotlib.figure import Figure
+
+from qocjax import Design, QocScale, Rules, paper_network
+from qocjax.advise import advice_values, page, run
+from qocjax.config import conf_dir, load
+from qocjax.config.advise import AdviseConfig
+from qocjax.figures.margins import delay_reliability_map
+from qocjax.figures.sensitivity import sensitivity_bars
+from qocjax.nav2 import nav2_text
+from qocjax.network import GilbertElliott, Leg, LoopNetwork, Trace, TruncatedNormal
+from qocjax.study.advice import Advice, plain
+from qocjax.study.character import candidate_deadlines, characterise, quantiles
+from qocjax.study.margins import Bound
+from qocjax.study.sensitivity import Box
+from qocjax.study.shortlist import Effort, shortlist
+
+LATE = Design(tau=0.1, deadline=0.7)
+BOUNDS = {"kappa": (0.5, 4.0), "gamma": (1.0, 6.0)}
+# As many seeds everywhere: few programs to compile.
+SMALL = ["scenario.horizon=4", "scenario.start=[[-0.6,-0.5,0.3],[-0.6,0.5,0.0]]", "scenario.goal=[1,0]", "loop.tau=0.1",
+         "advise.points=4", "advise.rounds=[8]", "advise.finalists=3", "advise.fresh_seeds=8",
+         "advise.max_collision_share=1", "advise.margins.delays=3", "advise.margins.seeds=8", "advise.margins.points=4",
+         "advise.bounds.kappa=[0.5,4]", "advise.bounds.gamma=[1,6]", "advise.bounds.eta=null",
+         "advise.bounds.c_miss=null", "advise.slowest=null", "advise.deadline_ms=700", "figures=false"]  # fmt: skip
+
+
+def lossy() -> LoopNetwork:
+    leg = Leg(loss=GilbertElliott(0.05, 0.2))
+    return LoopNetwork(uplink=leg, compute=TruncatedNormal(0.2, 0.05), name="lossy")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("advice")
+
+
+@pytest.fixture(scope="module")
+def advice(folder: Path) -> Advice:
+    with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        return run(load(AdviseConfig, compose("advise", SMALL)), folder)
+
+
+@pytest.fixture
+def composer() -> Iterator[None]:
+    with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        yield
+
+
+def test_quantiles_invert_reliability() -> None:
+    law, levels = TruncatedNormal(0.2, 0.05), [0.01, 0.5, 0.99]
+    np.testing.assert_allclose(quantiles(paper_network(), levels), law.quantile(levels), rtol=1e-5)
+    found = quantiles(lossy(), [0.4, 0.81])  # a fifth is lost
+    assert found[0] == pytest.approx(float(law.quantile(0.5)), rel=1e-4) and found[1] == np.inf
+
+
+def test_candidate_deadlines_reach_their_shares() -> None:
+    axis = candidate_deadlines(paper_network(), 0.8)
+    assert np.all(np.diff(axis) > 0) and axis[-1] == 0.8
+    share = paper_network().reliability(axis)
+    assert 0.02 <= share[0] < 0.04 and np.sum((share > 0.05) & (share < 0.95)) >= 4
+    with pytest.raises(ValueError, match="longest_deadline: got 20 ms, by which"):
+        candidate_deadlines(paper_network(), 0.02)
+
+
+def test_character_of_a_trace_counts_by_hand() -> None:
+    trace = Trace(np.array([1, 9, 9, 1, 1, 9, np.inf, 1]) * 1e-3, "hand")
+    found = characterise(trace, 0.01, 5e-3)
+    assert found["lost_share"] == pytest.approx(1 / 8) and found["reliability"] == 0.5
+    assert found["mean_miss_run"] == 2.0 and found["p99_miss_run"] == 2 and found["independent_miss_run"] == 2.0
+    assert found["gilbert_elliott"] == {"p_good_to_bad": pytest.approx(2 / 3), "p_bad_to_good": pytest.approx(2 / 4)}
+    assert found["percentiles_ms"]["p50"] == pytest.approx(1.0) and found["percentiles_ms"]["p95"] == pytest.approx(9.0)
+    calm = characterise(Trace(np.full(50, 1e-3), "calm"), 0.01, 5e-3)
+    assert calm["mean_miss_run"] is None and calm["miss_correlation"] is None and calm["p99_miss_run"] == 0
+
+
+def test_character_finds_the_channel_that_made_the_losses() -> None:
+    found = characterise(lossy(), 0.1, 1.0)  # 32768 loops
+    assert found["lost_share"] == pytest.approx(0.2, abs=1e-6)
+    assert found["gilbert_elliott"]["p_good_to_bad"] == pytest.approx(0.05, abs=0.006)
+    assert found["gilbert_elliott"]["p_bad_to_good"] == pytest.approx(0.2, abs=0.025)
+    assert found["miss_correlation"] == pytest.approx(1 - 0.25, abs=0.03)  # 1 - p_gb - p_bg
+    assert found["mean_miss_run"] == pytest.approx(5.0, rel=0.12)
+    assert abs(found["delay_correlation"]) < 0.03
+
+
+def test_advice_gains_on_a_deadline_that_is_too_long(advice: Advice) -> None:
+    now, same_gains, then = advice.judged.to_dict("records")
+    assert now["gain"] == 0 and then["gain_low"] > 0
+    assert same_gains["deadline"] == then["deadline"] < now["deadline"] == 0.7
+    assert advice.policy == "MaxRel"
+    assert float(advice.recommended.tau) == 0.1 and float(advice.recommended.eta) == LATE.eta  # not in the bounds
+    for name, (low, high) in BOUNDS.items():
+        assert low <= getattr(advice.recommended, name) <= high
+    assert advice.margin.low.value <= advice.margin.best <= advice.margin.high.value
+    assert advice.ties.iloc[0]["difference"] == 0  # the recommended ties with itself
+    assert advice.seeds == {"search": 8, "fresh": 8, "first_fresh": 8}
+
+
+def test_stress_takes_loops_away(advice: Advice) -> None:
+    rows = advice.stress.set_index("what")
+    deadline, network = float(advice.recommended.deadline), paper_network()
+    assert rows.loc["delay x 1.5, deadline kept", "reliability"] == pytest.approx(
+        float(network.reliability(deadline / 1.5))
+    )
+    assert rows.loc["missed loops x 2", "reliability"] == pytest.approx(float(network.reliability(deadline)) ** 2)
+    assert "lost messages x 2" not in rows.index  # none are lost
+    shares = rows["completed_share"]
+    assert shares["delay x 1.5, deadline kept"] < shares["as it is"] < shares["as it is, deadline x 1.5"]
+    assert rows.loc["as it is", "change"] == 0
+
+
+def test_nothing_written_is_nan(advice: Advice) -> None:
+    values = yaml.safe_load(yaml.safe_dump(advice_values(advice)))
+    flat = str({name: value for name, value in values.items() if name != "network"})  # a law may reach to infinity
+    assert "nan" not in flat and "inf" not in flat.replace("info", "")
+    assert values["recommended"]["deadline"] == pytest.approx(float(advice.recommended.deadline))
+    assert "nan" not in page(advice).lower()
+    assert plain({"a": np.float64(np.nan), "b": np.inf, "c": np.int64(3), "d": [np.bool_(True)]}) == {
+        "a": None, "b": None, "c": 3, "d": [True]}  # fmt: skip
+
+
+def test_nav2_fragment_is_yaml_in_their_names(advice: Advice) -> None:
+    text = nav2_text(advice, Rules())
+    found = yaml.safe_load(text)
+    controller = found["controller_server"]["ros__parameters"]
+    assert controller["controller_frequency"] == 10.0 and isinstance(controller["controller_frequency"], float)
+    assert controller["FollowPath"]["vx_max"] == pytest.approx(0.7)
+    smoother = found["velocity_smoother"]["ros__parameters"]
+    assert smoother["max_velocity"] == [0.7, 0.0, 1.4] and 0.1 < smoother["velocity_timeout"] <= 1.0
+    assert f"lifespan: {round(advice.recommended.deadline * 1e9)}" in text
+    stopped = yaml.safe_load(nav2_text(advice, Rules(hold="timeout", hold_timeout=0.35)))
+    assert stopped["velocity_smoother"]["ros__parameters"]["velocity_timeout"] == 0.35
+
+
+class Formula:
+    """In place of an objective: AUC least at kappa = 2 and 0.3 s; a gain above `wild` collides."""
+
+    def __init__(self, wild: float) -> None:
+        self.wild, self.key, self.scale = wild, 0, QocScale(1.0, 10.0)
+
+    def runs(self, designs: Design, seeds: range) -> xr.Dataset:
+        kappa, deadline = np.asarray(designs.kappa), np.asarray(designs.deadline)
+        auc = 1 + np.log(kappa / 2) ** 2 + 10 * (deadline - 0.3) ** 2
+        noise = 1 + 0.01 * np.random.default_rng(0).normal(size=(len(seeds), 2))
+        collided = np.repeat((kappa > self.wild)[:, None], len(seeds), axis=1)
+        return xr.Dataset({"auc": (("design", "seed", "robot"), auc[:, None, None] * noise),
+                           "collided": (("design", "seed"), collided)})  # fmt: skip
+
+
+@pytest.mark.parametrize(("wild", "best"), [(10.0, 2.0), (1.5, 1.5)])
+def test_the_search_ends_at_the_best_that_keeps_the_limit(wild: float, best: float) -> None:
+    box, axis = Box(LATE, {"kappa": (0.5, 8.0), "gamma": (1.0, 2.0)}), np.array([0.1, 0.2, 0.3, 0.5])
+    found = shortlist(Formula(wild), box, axis, 0.01, Effort(32, (4, 8, 16), 5, 8))
+    np.testing.assert_allclose(found.kappa, best, rtol=0.12)
+    assert (np.asarray(found.kappa) <= wild).all() and (np.asarray(found.deadline) == 0.3).all()
+
+
+def test_no_design_without_collisions_is_said() -> None:
+    box = Box(LATE, {"kappa": (0.5, 8.0)})
+    with pytest.raises(ValueError, match=r"max_collision_share: got 0.5, which no design .* has 1, with kappa="):
+        shortlist(Formula(0.1), box, np.array([0.2]), 0.5, Effort(4, (2,), 2, 2))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["advise.bounds.v_max=[0.1,0.9]"], "advise.bounds.v_max: got 0.9, expected at most the robot's 0.7"),
+        (["advise.bounds.kappa=[1]"], r"advise.bounds.kappa: got \[1"),
+        (["advise.bounds.kappa=[2,1]"], r"advise.bounds.kappa: got \[2.0, 1.0\], expected \[low, high\]"),
+        (["+advise.bounds.tau=[0.1,0.2]"], "advise.bounds.tau: got an unknown option"),
+        (["advise.slowest=2"], "advise.slowest: got 2"),
+        (["advise.margins.points=5"], "margins.points: got 5, expected a power of two"),
+        (["advise.margins.delay_ms=900"], "margins.delay: got 0.9, expected <= 0.8"),
+        (["advise.bounds.kappa=null", "advise.bounds.gamma=null", "advise.slowest=null"], "bounds: got none"),
+        (["advise.points=5"], "points: got 5, expected a power of two"),
+        (["advise.rounds=[8, 4]"], r"rounds: got \[8, 4\]"),
+        (["advise.longest_deadline_ms=30"], "longest_deadline: got 30 ms"),
+        (["advise.max_collision_share=2"], "max_collision_share: got 2"),
+    ],
+)
+def test_bad_options_are_refused_by_name(composer: None, options: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        run(load(AdviseConfig, compose("advise", [*SMALL, *options])))
+
+
+def test_bounds_are_set_and_dropped_by_name(composer: None) -> None:
+    own = load(AdviseConfig, compose("advise", ["advise.bounds.gamma=[1,6]", "advise.bounds.c_miss=null"])).bounds()
+    assert own == {"kappa": (0.25, 6.0), "gamma": (1.0, 6.0), "eta": (0.05, 2.0), "v_max": (0.3 * 0.7, 0.7)}
+    options = ["robot=turtlebot3_burger", "advise.bounds.v_max=[0.1,0.2]"]
+    assert load(AdviseConfig, compose("advise", options)).bounds()["v_max"] == (0.1, 0.2)
+
+
+def test_the_command_writes_what_it_says(advice: Advice, folder: Path) -> None:
+    values = yaml.safe_load((folder / "advice.yaml").read_text())
+    assert values["current"]["deadline"] == 0.7 and values["slack"]["delay"] == values["recommended"]["deadline"]
+    assert {path.name for path in folder.glob("*.yaml")} == {"advice.yaml", "nav2_params.yaml", "config.yaml"}
+    text = page(advice)
+    assert "RECOMMENDED" in text and "IS 700 ms ACCEPTABLE?" in text and len(text.splitlines()) < 50
+    assert "all loop times may grow by" in text and "Sobol" in text
+    assert list(values["sobol"][0]) == list(advice.sobol) and values["growth"]["value"] >= 1
+    assert {path.stem for path in folder.glob("*.csv")} == {"curve", "plane", "elasticities", "sobol"}
+    drawn = sensitivity_bars(advice.elasticities, advice.sobol).axes
+    assert len(drawn[0].patches) == len(advice.elasticities) and len(drawn[1].patches) == 2 * len(advice.sobol)
+    points = {name: (at, share) for name, at, share in advice.policies}
+    assert isinstance(delay_reliability_map(advice.slack.plane, advice.curve, points), Figure)
+
+
+def test_a_missing_trace_is_one_line(tmp_path: Path) -> None:
+    options = [
+        "network=trace",
+        "network.path=none.csv",
+        "network.column=rtt",
+        "network.unit=s",
+        f"hydra.run.dir={tmp_path}",
+    ]
+    done = subprocess.run([sys.executable, "-m", "qocjax.advise", *options], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.strip() == "error: none.csv: no such file"
+
+
+def test_what_fresh_seeds_do_not_bear_out_is_said(advice: Advice) -> None:
+    judged = advice.judged.assign(collision_share=0.25, gain_low=-0.1)
+    text = page(replace(advice, judged=judged, max_collision_share=0.2))
+    assert "CAUTION: on fresh seeds 25.0% of its runs collide, more than the 20.0% allowed" in text
+    assert "do not show that it is better" in text and "CAUTION" not in page(advice)
+
+
+def test_a_cliff_is_said(advice: Advice) -> None:
+    """When half more delay takes more than the margin; not when it takes less."""
+    kept = advice.stress["what"] == "delay x 1.5, deadline kept"
+
+    def text(change: float) -> str:
+        stress = advice.stress.assign(change=np.where(kept, change, 0.0), completed_share=0.25)
+        return page(replace(advice, stress=stress, growth=Bound(1.1, 1.05, 1.2, False)))
+
+    assert "may grow by 10% [5%, 20%] before QoC falls by 5%" in text(-0.3)
+    assert "BEWARE OF THE CLIFF: should delay grow by half, 25.0% of the loops complete" in text(-0.3)
+    assert "costs 0.0000 QoC now and saves 0.3000 then" in text(-0.3)
+    assert "is nearly as good and safer, see below" in text(-0.3) and "safer" not in text(-0.001)
+    assert "CLIFF" not in text(-0.001) and "saves" not in text(-0.001)
+    calm = page(replace(advice, growth=Bound(3.0, 3.0, 3.0, True)))
+    assert "may grow by more than a factor of 3 before" in calm

@@ -1,0 +1,213 @@
+"""Margins and sensitivity: exact answers on made-up scores, single evaluations, laws of worse networks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from qocjax import Design, QocScale, Rules, Scenario, paper_network
+from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, LoopNetwork, Trace
+from qocjax.study.margins import (
+    Plane,
+    deadline_margin,
+    delay_reliability_plane,
+    largest_delay,
+    reach,
+    smallest_reliability,
+)
+from qocjax.study.objective import Objective
+from qocjax.study.sensitivity import Box, elasticities, sobol
+from qocjax.study.slack import Asked, find_slack
+from qocjax.study.stress import GROWTHS, Stressed, largest_growth, stress_table
+
+SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
+BASE = Design(tau=0.1, deadline=0.3)
+SCALE = QocScale(1.0, 10.0)
+
+
+def a_plane(seeds: int = 20) -> Plane:
+    """QoC = 0.7 - delay + 0.3 F + noise of the seed: what is linear, interpolation gets exactly."""
+    delay, share = np.linspace(0.1, 0.5, 5), np.array([0.1, 0.4, 1.0])
+    noise = np.random.default_rng(0).normal(0, 0.02, seeds)
+    return Plane(delay, share, 0.7 - delay[None, :, None] + 0.3 * share[:, None, None] + noise)
+
+
+def test_inverse_questions_on_a_linear_plane() -> None:
+    plane = a_plane()
+    shift = plane.qoc[0, 0] - (0.7 - 0.1 + 0.03)
+    found = largest_delay(plane, 0.6, 0.7)
+    assert found.value == pytest.approx(0.7 + 0.21 - 0.6 + shift)
+    assert found.low < found.value < found.high and not found.at_edge
+    # Its interval is that of the mean of the noise: about 1.96 standard errors each way.
+    se = np.std(plane.scores[0, 0], ddof=1) / np.sqrt(20)
+    assert (found.high - found.low) / 2 == pytest.approx(1.96 * se, rel=0.25)
+    back = smallest_reliability(plane, 0.6, found.value)
+    assert back.value == pytest.approx(0.7)
+    assert back.low < 0.7 < back.high
+
+
+def test_what_is_met_nowhere_or_everywhere_is_said() -> None:
+    plane = a_plane()
+    nowhere, everywhere = largest_delay(plane, 2.0, 0.4), largest_delay(plane, 0.0, 0.4)
+    assert (nowhere.value, nowhere.low, nowhere.high, nowhere.at_edge) == (None, None, None, False)
+    assert (everywhere.value, everywhere.at_edge) == (0.5, True)
+    assert smallest_reliability(plane, 2.0, 0.2).value is None
+    assert smallest_reliability(plane, 0.0, 0.2) == replace(
+        smallest_reliability(plane, 0.0, 0.2), value=0.1, at_edge=True
+    )
+    sometimes = largest_delay(plane, float(plane.qoc[1, 0]), 0.4)  # half of the resamples fall short of it everywhere
+    assert sometimes.low is None and sometimes.high > 0.1
+
+
+def test_margin_of_a_tent() -> None:
+    axis = np.array([0.1, 0.2, 0.3, 0.45, 0.6, 0.7, 0.8])
+    scores = 1.0 - 0.5 * np.abs(axis - 0.3)
+    scores[-1] = 0.99  # as good, but not connected to the best
+    margin = deadline_margin(axis, np.tile(scores[:, None], 4), share=0.05)
+    assert (margin.best, margin.qoc) == (0.3, 1.0)
+    assert margin.low.value == pytest.approx(0.2) and margin.high.value == pytest.approx(0.4)
+    assert margin.low.low == margin.low.high == pytest.approx(0.2)  # all seeds alike: nothing to be unsure of
+    whole = deadline_margin(axis, np.tile(scores[:, None], 4), share=0.5)
+    assert (whole.low.value, whole.high.value) == (0.1, 0.8)
+    assert whole.low.at_edge and whole.high.at_edge
+
+
+@pytest.mark.parametrize("actuation", ["deadline", "arrival"])
+def test_a_cell_of_the_plane_is_a_network_of_its_own(actuation: str) -> None:
+    objective = Objective(SCENARIO, paper_network(), SCALE, Rules(actuation), key=3)
+    plane = delay_reliability_plane(objective, BASE, [0.25, 0.1], [0.3], range(4))
+    np.testing.assert_array_equal(plane.delay, [0.1, 0.25])
+    assert plane.scores.shape == (1, 2, 4) and objective.simulations == 8
+    network = LoopNetwork(uplink=Leg(loss=IndependentLoss(0.7)), compute=Constant(0.25), name="one")
+    alone = replace(objective, network=network).scores(replace(BASE, deadline=0.25), range(4))
+    np.testing.assert_allclose(plane.scores[0, 1], alone[0], rtol=1e-5)
+    table = plane.to_table()
+    assert len(table) == 2 and np.isfinite(table.to_numpy()).all()
+
+
+def test_bad_input_of_margins() -> None:
+    objective = Objective(SCENARIO, paper_network(), SCALE)
+    with pytest.raises(ValueError, match="reliabilities: got 1.2"):
+        delay_reliability_plane(objective, BASE, [0.1], [0.5, 1.2], range(4))
+    with pytest.raises(ValueError, match="delays: got .* each once"):
+        delay_reliability_plane(objective, BASE, [0.1, 0.1], [1.0], range(4))
+    with pytest.raises(ValueError, match="seeds: got 1"):
+        delay_reliability_plane(objective, BASE, [0.1], [1.0], range(1))
+    with pytest.raises(ValueError, match="reliability: got 0.05"):
+        largest_delay(a_plane(), 0.5, 0.05)
+    with pytest.raises(ValueError, match="deadlines: got"):
+        deadline_margin([0.2, 0.1], np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="axis: got"):
+        reach([0.2, 0.1], np.zeros((2, 3)), 0.5)
+    for name, value in (("share", 0.0), ("target", 1.5), ("reliability", 0.0), ("delay", -1.0), ("delays", 2),
+                        ("points", 12), ("seeds", 1)):  # fmt: skip
+        with pytest.raises(ValueError, match=f"margins.{name}: got {value}"):
+            Asked(**{name: value})
+    with pytest.raises(ValueError, match="margins.delay: got 0.9"):
+        find_slack(objective, BASE, 0.5, range(4), Asked(delay=0.9))
+
+
+class Formula:
+    """In place of an objective: QoC by a formula of the design, times a factor of the seed."""
+
+    def __init__(self, formula) -> None:
+        self.formula, self.simulations = formula, 0
+
+    def scores(self, designs: Design, seeds) -> np.ndarray:
+        noise = 1 + 0.1 * np.random.default_rng(1).normal(size=len(seeds))
+        return self.formula(designs)[:, None] * noise
+
+
+def test_elasticities_of_a_power_law() -> None:
+    objective = Formula(lambda d: 0.3 * np.asarray(d.kappa) ** 0.5 * np.asarray(d.gamma) ** -0.2 * (1 + 0 * d.eta))
+    table = elasticities(objective, BASE, range(16), ["kappa", "gamma", "eta"], step=0.1).set_index("parameter")
+    for name, power in (("kappa", 0.5), ("gamma", -0.2), ("eta", 0.0)):
+        assert table.loc[name, "elasticity"] == pytest.approx(np.sinh(0.1 * power) / 0.1, abs=1e-12)
+        assert table.loc[name, "se"] < 1e-12  # the factor of the seed cancels
+    with pytest.raises(ValueError, match="eta: got 0"):
+        elasticities(objective, replace(BASE, eta=0.0), range(4), ["eta"])
+    with pytest.raises(ValueError, match="names: got 'weight'"):
+        elasticities(objective, BASE, range(4), ["weight"])
+
+
+def test_sobol_indices_of_a_sum() -> None:
+    """Of x1 + 2 x2 with independent uniforms the shares of variance are 1/5 and 4/5, of a third one 0."""
+    bounds = {"kappa": (1.0, np.e), "c_miss": (0.0, 1.0), "gamma": (1.0, 2.0)}
+    objective = Formula(lambda d: np.log(d.kappa) + 2 * d.c_miss)
+    table = sobol(objective, Box(BASE, bounds), [0.1, 0.2], range(4), points=512).set_index("parameter")
+    for name, share in (("kappa", 0.2), ("c_miss", 0.8), ("gamma", 0.0), ("deadline", 0.0)):
+        assert table.loc[name, "first"] == pytest.approx(share, abs=0.03)
+        assert table.loc[name, "total"] == pytest.approx(share, abs=0.03)
+        assert table.loc[name, "total_low"] <= share + 0.02 and table.loc[name, "total_high"] >= share - 0.02
+    with pytest.raises(ValueError, match="same all over"):
+        sobol(Formula(lambda d: 1 + 0 * d.kappa), Box(BASE, bounds), [0.1], range(4), points=8)
+    with pytest.raises(ValueError, match="power of two"):
+        sobol(objective, Box(BASE, bounds), [0.1], range(4), points=12)
+
+
+def test_box_spans_its_bounds() -> None:
+    box = Box(BASE, {"kappa": (0.5, 8.0), "c_miss": (0.0, 1.0)})
+    designs = box.designs(np.array([[0, 0], [0.5, 0.25], [1, 1]]), np.array([0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(designs.kappa, [0.5, 2.0, 8.0])  # log scale
+    np.testing.assert_allclose(designs.c_miss, [0.0, 0.25, 1.0])
+    np.testing.assert_allclose(designs.tau, 0.1)
+    for bounds, message in (({}, "bounds: got none"), ({"tau": (0.1, 1)}, "bounds: got 'tau'"),
+                            ({"eta": (2, 1)}, "bounds.eta: got"), ({"eta": (-1, 1)}, "bounds.eta: got")):  # fmt: skip
+        with pytest.raises(ValueError, match=message):
+            Box(BASE, bounds)
+
+
+def test_slower_network_has_the_same_draws_longer() -> None:
+    network, key = paper_network(), jax.random.key(0)
+    slow = Stressed(network, delay_factor=1.5)
+    np.testing.assert_allclose(slow.draw(key, 50, 2, 0.1), 1.5 * network.draw(key, 50, 2, 0.1))
+    np.testing.assert_allclose(slow.reliability([0.3, 0.45]), network.reliability([0.2, 0.3]))
+
+
+def test_doubled_losses_and_misses() -> None:
+    lossy = LoopNetwork(uplink=Leg(loss=GilbertElliott(0.05, 0.25)), compute=Constant(0.1), name="bursts")
+    p = 0.05 / 0.3
+    double = Stressed(lossy, double_losses=True)
+    assert double.reliability(0.2) == pytest.approx((1 - p) ** 2)
+    lost = ~np.isfinite(double.draw(jax.random.key(1), 40_000, 1, 0.1))[:, 0]
+    assert lost.mean() == pytest.approx(1 - (1 - p) ** 2, abs=0.02)
+    assert lost[1:][lost[:-1]].mean() > 0.6  # still in bursts; independent ones would follow at 0.31
+    paper = paper_network()
+    missing = Stressed(paper, miss_deadline=0.2)
+    assert missing.reliability(0.2) == pytest.approx(float(paper.reliability(0.2)) ** 2)
+    times = np.asarray(missing.draw(jax.random.key(2), 20_000, 1, 0.1))
+    assert (times <= 0.2).mean() == pytest.approx(0.25, abs=0.015)
+    assert Stressed(Trace([0.1, 0.2], "t"), 2.0).describe()["network"]["name"] == "t"
+
+
+def test_slack_answers_what_is_asked() -> None:
+    objective = Objective(SCENARIO, paper_network(), SCALE)
+    asked = Asked(target=0.3, reliability=0.45, delay=0.22, delays=3)
+    found = find_slack(objective, BASE, 0.6, range(4), asked)
+    assert (found.delay, found.reliability, found.target) == (0.22, 0.45, 0.3)
+    plane = found.plane
+    assert {0.22, 0.3} <= set(plane["delay"]) and 0.45 in set(plane["reliability"])
+    row = plane[plane["reliability"] == 0.45].set_index("delay")["qoc"]
+    assert row.iloc[0] > 0.3 > row.iloc[-1]
+    assert np.interp(found.largest_delay.value, row.index, row) == pytest.approx(0.3, abs=1e-6)
+    own = find_slack(objective, BASE, 0.6, range(4), Asked(share=0.1, delays=3))
+    here = float(paper_network().reliability(0.3))
+    cell = own.plane.set_index(["reliability", "delay"])["qoc"][here, 0.3]
+    assert own.target == pytest.approx(0.9 * cell) and own.reliability == here and own.delay == 0.3
+
+
+def test_loops_may_grow_until_they_miss_the_deadline() -> None:
+    """Constant loops of 0.2 s just meet 0.3 s at 1.5 times their length; beyond it none completes."""
+    network = LoopNetwork(compute=Constant(0.2), name="constant")
+    objective = Objective(SCENARIO, network, SCALE)
+    found = largest_growth(objective, BASE, range(4), 0.05)
+    place = GROWTHS.index(1.5)
+    assert GROWTHS[place] <= found.value < GROWTHS[place + 1]
+    assert objective.simulations == 4 * len(GROWTHS)
+    table = stress_table(objective, BASE, range(4)).set_index("what")
+    assert table.loc["delay x 1.5, deadline kept", "change"] == 0
+    safe = largest_growth(objective, replace(BASE, deadline=0.7), range(4), 0.05)
+    assert safe.value == GROWTHS[-1] and safe.at_edge
