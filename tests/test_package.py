@@ -24,6 +24,7 @@ from omegaconf import OmegaConf
 
 import qocjax
 from qocjax.config import SimulationConfig, StudyConfig, conf_dir, load
+from qocjax.config.ingest import IngestConfig
 
 ROOT = Path(__file__).parents[1]
 CONF = ROOT / "conf"
@@ -35,6 +36,7 @@ SAMPLES = {
     "network/trace": ["network.path=loop.csv", "network.column=rtt", "network.unit=ms"],
     "delay/samples": [f"network.compute.{item}" for item in ("path=loop.csv", "column=rtt", "unit=ms")],
     "delay/histogram": ["network.compute.path=delays.xml"],
+    **{f"stamps/{path.stem}": ["path=logs"] for path in (CONF / "stamps").glob("*.yaml")},
 }
 PLACES = {"delay": "delay@network.compute", "loss": "loss@network.uplink.loss"}
 COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
@@ -307,7 +309,7 @@ def composer() -> Iterator[None]:
         yield
 
 
-def composed(command: str, options: list[str]) -> SimulationConfig:
+def composed(command: str, options: list[str]) -> SimulationConfig | IngestConfig:
     """A configuration, checked against what the command's `run` takes."""
     schema = get_type_hints(importlib.import_module(f"qocjax.{command}").run)["config"]
     return load(schema, compose(command, options))
@@ -323,6 +325,9 @@ def test_every_choice_composes(choice: str, composer: None) -> None:
         command = next(command for command in ("sweep", *COMMANDS) if wanted in groups(command))
     network = ["network=loop"] if group in PLACES else []
     config = composed(command, [*network, f"{PLACES.get(group, group)}={name}", *SAMPLES.get(choice, [])])
+    if not isinstance(config, SimulationConfig):
+        config.build()
+        return
     config.build_scenario()
     config.loop.build()
     if isinstance(config, StudyConfig) and config.sweep.grids:
@@ -337,7 +342,8 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         flags = [option for option in options if option.startswith("--")]
         assert set(flags) <= {"--multirun", "--help"}
         jobs = [option.split(",")[0] if "--multirun" in flags and "[" not in option else option for option in options]
-        composed(command, [option for option in jobs if option not in flags]).baseline()
+        config = composed(command, [option for option in jobs if option not in flags])
+        config.baseline() if isinstance(config, SimulationConfig) else config.build()
 
 
 def test_code_of_the_readme_runs(environment: dict[str, str], tmp_path: Path) -> None:

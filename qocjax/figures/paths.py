@@ -39,8 +39,8 @@ class RunLike(Protocol):
         """Radius of a robot's body, m."""
 
     @property
-    def deadline(self) -> ArrayLike:
-        """The deadline Δ, s."""
+    def deadline(self) -> ArrayLike | None:
+        """The deadline Δ, s; None where none is known, as of a recording."""
 
     @property
     def auc(self) -> ArrayLike:
@@ -62,7 +62,7 @@ class Paths:
     auc: NDArray[np.float64]  # [N]
     d_safe: float
     robot_radius: float
-    deadline: float
+    deadline: float | None
     min_distance: float
 
 
@@ -83,11 +83,12 @@ def check_run(run: RunLike) -> Paths:
     reference = _numbers("reference", run.reference, (ticks, 2), (ticks, robots, 2)).reshape(ticks, -1, 2)
     goal = _numbers("goal", run.goal, (2,), (robots, 2)).reshape(-1, 2)
     auc = _numbers("auc", run.auc, (robots,))
-    scalars = {name: float(_numbers(name, getattr(run, name), ())) for name in ("d_safe", "robot_radius", "deadline")}
+    scalars = {name: float(_numbers(name, getattr(run, name), ())) for name in ("d_safe", "robot_radius")}
+    deadline = None if run.deadline is None else float(_numbers("deadline", run.deadline, ()))
     min_distance = float(np.asarray(run.min_distance))
     if robots > 1 and not np.isfinite(min_distance):
         raise ValueError(f"min_distance: got {min_distance}, expected a finite distance for {robots} robots")
-    return Paths(time, pose, reference, goal, auc, **scalars, min_distance=min_distance)
+    return Paths(time, pose, reference, goal, auc, **scalars, deadline=deadline, min_distance=min_distance)
 
 
 def _numbers(name: str, value: ArrayLike, *shapes: tuple[int | None, ...]) -> NDArray[np.float64]:

@@ -210,7 +210,7 @@ def _add_legend(figure: Figure, paths: Paths, colours: Sequence[Colour], every: 
         Line2D([], [], ls="", marker="o", ms=2.8, color=shade, label=f"every {every:g} s"),
         Line2D([], [], ls="", marker="o", ms=8, mfc="none", mec=shade, mew=0.7, label=disc),
     ]
-    title = rf"$\Delta$ = {milliseconds(paths.deadline)} ms"
+    title = None if paths.deadline is None else rf"$\Delta$ = {milliseconds(paths.deadline)} ms"
     figure.legend(handles=robots + others, loc="outside upper center", ncols=3, title=title, handlelength=1.4)
 
 

@@ -57,6 +57,16 @@ class Columns:
             raise ValueError(f"{self.path}, column {column!r}: all {len(values)} are lost, expected at least one delay")
         return values
 
+    def optional_numbers(self, column: str) -> list[float | None]:
+        """Returns a column as numbers, None where an entry is empty or `lost`; infinity and NaN count as empty.
+
+        Raises:
+            ValueError: An entry is no number.
+        """
+        blank = (*_LOST, "nan", "inf", "-inf")
+        texts = self.texts[column]
+        return [None if text.lower() in blank else self._number(row, column) for row, text in enumerate(texts)]
+
     def _delay(self, row: int, column: str) -> float:
         if self.texts[column][row].lower() in _LOST:
             return math.inf

@@ -1,0 +1,166 @@
+"""One recorded run: what is read of its files, and what that says about loops, commands and quality of control."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from qocjax.recorded.commands import CommandReport, report_commands
+from qocjax.recorded.findings import Findings
+from qocjax.recorded.judge import Quality, Yardstick
+from qocjax.recorded.loops import COLUMNS, ClockRules, LoopTrace, loop_trace
+from qocjax.recorded.poses import quality
+from qocjax.recorded.series import Cleaning, Series, clean
+from qocjax.recorded.stamps import StampsFormat, read_stamps
+from qocjax.recorded.topics import BagContent, TopicPatterns, read_bag, read_pose_table
+
+__all__ = ["RecordedRun", "Rules", "RunFiles", "read_run"]
+
+_STAMPED = "geometry_msgs/msg/TwistStamped"
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Where a run lies."""
+
+    name: str
+    bag: Path | None = None
+    poses: Path | None = None  # table
+    stamps: tuple[tuple[Path, Path | None], ...] = ()  # tables of stamps, each with the edge's own if there is one
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How runs are read and judged."""
+
+    topics: TopicPatterns
+    stamps: StampsFormat = field(default_factory=StampsFormat)
+    clock: ClockRules = field(default_factory=ClockRules)
+    cleaning: Cleaning = field(default_factory=Cleaning)
+    yardstick: Yardstick = field(default_factory=Yardstick)
+    commands_on_robot_clock: bool = True  # whether what recorded a TwistStamped command ran on the clock of its stamp
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """What came out of a run's files."""
+
+    name: str
+    begins: float | None  # s, epoch of the first message or loop
+    duration: float  # s
+    loops: dict[str, LoopTrace]  # by robot
+    commands: dict[str, CommandReport]  # by robot
+    quality: Quality | None
+    late: dict[str, np.ndarray]  # by topic: delay above the envelope of the clock, s; the constant part is not known
+    qos: dict[str, str]  # offered, by topic
+    findings: Findings
+
+
+def read_run(files: RunFiles, rules: Rules, *, quiet: bool = False) -> RecordedRun:
+    """Reads one run.
+
+    Args:
+        files: Where it lies.
+        rules: How it is read and judged.
+        quiet: No progress bar.
+
+    Raises:
+        ValueError: A file is not there, is not of its format, or holds nothing of what is looked for.
+    """
+    findings = Findings()
+    loops = _stamp_loops(files, rules, findings)
+    content = None
+    if files.bag is not None:
+        content = read_bag(files.bag, rules.topics, findings, quiet=quiet)
+    elif files.poses is not None:
+        content = read_pose_table(files.poses, findings, rules.topics.only)
+    if content is None:
+        first = min(trace.epoch for trace in loops.values())
+        span = max(trace.epoch + float(trace.table["source_stamp"].iloc[-1]) for trace in loops.values()) - first
+        return RecordedRun(files.name, first, span, loops, {}, None, {}, {}, findings)
+    return _from_content(files.name, content, loops, rules, findings)
+
+
+def _from_content(
+    name: str, content: BagContent, loops: dict[str, LoopTrace], rules: Rules, findings: Findings
+) -> RecordedRun:
+    """Adds what a bag's poses and commands say."""
+    cleaning = rules.cleaning
+    poses = {
+        robot: clean(raw, content.begin, content.topics[robot][0], cleaning, findings)
+        for robot, raw in content.poses.items()
+    }
+    where = {robot: content.topics[robot][1] or f"commands of {robot}" for robot in content.commands}
+    commands = {
+        robot: clean(raw, content.begin, where[robot], cleaning, findings) for robot, raw in content.commands.items()
+    }
+    if not poses:
+        findings.note("no quality: no topic has poses")
+    reports = {robot: report_commands(each, where[robot], cleaning, findings) for robot, each in commands.items()}
+    for robot, each in commands.items():
+        if each.kind == _STAMPED and robot not in loops:
+            trace = _command_loops(robot, each, poses.get(robot), where[robot], rules, findings, content.begin)
+            loops |= {robot: trace} if trace is not None else {}
+    poses = {robot: each for robot, each in poses.items() if each.time.size > 1}
+    first = min((float(each.record.min()) for each in commands.values() if each.record.size), default=None)
+    judged = quality(poses, rules.yardstick, cleaning, findings, first) if poses else None
+    late = {content.topics[robot][0]: each.late[np.isfinite(each.late)] for robot, each in poses.items()}
+    return RecordedRun(
+        name, 1e-9 * content.begin or None, 1e-9 * (content.end - content.begin), loops,
+        {robot: report for robot, report in reports.items() if report is not None}, judged,
+        {topic: values for topic, values in late.items() if values.size}, content.qos, findings,
+    )  # fmt: skip
+
+
+def _stamp_loops(files: RunFiles, rules: Rules, findings: Findings) -> dict[str, LoopTrace]:
+    """Traces of the run's tables of stamps, by robot; of a table without names, the file's."""
+    loops = {}
+    for path, edge in files.stamps:
+        parts = read_stamps(path, rules.stamps, edge, findings)
+        robots = dict.fromkeys(part.robot for part in parts)
+        for robot in robots:
+            own = [part for part in parts if part.robot == robot]
+            label = robot or ("loops" if len(files.stamps) == 1 else re.sub(r"\W+", "_", path.stem))
+            where = f"{path.name}, {robot}" if robot else path.name
+            loops[label] = loop_trace(own, where, rules.clock, rules.cleaning, findings)
+    return loops
+
+
+def _command_loops(
+    robot: str, commands: Series, poses: Series | None, where: str, rules: Rules, findings: Findings, begin: int
+) -> LoopTrace | None:
+    """The loops that stamped commands tell of: each bears the stamp of the state that it answers (paper, D_cfg).
+
+    The delay is record time less stamp, both on the robot's clock; a stamp of a pose that no command bears is a lost
+    loop, if poses and commands share stamps at all.
+    """
+    has = np.isfinite(commands.stamp)
+    delay, stamp = (commands.record - commands.stamp)[has], commands.stamp[has]
+    if not has.any():
+        return None
+    if not rules.commands_on_robot_clock or np.median(delay) < 0.0:
+        findings.count(where, "clock_unknown")
+        findings.note(f"{where}: stamps are of another clock than the record times; no loop times")
+        return None
+    findings.count(where, "negative_loop_time", int((delay < 0.0).sum()))
+    best = pd.Series(delay[delay >= 0.0]).groupby(stamp[delay >= 0.0]).min()
+    known = np.unique(np.round(poses.stamp[np.isfinite(poses.stamp)], 7)) if poses is not None else np.empty(0)
+    best.index = np.round(best.index, 7)
+    known = known[(known >= best.index.min()) & (known <= best.index.max())]
+    share = float(best.index.isin(known).mean())
+    if share > 0.5:
+        best = best.reindex(np.union1d(known, best.index), fill_value=np.inf)
+    elif poses is not None:
+        findings.note(f"{where}: {share:.0%} of the stamps are those of poses; lost loops cannot be seen")
+    source = best.index.to_numpy()
+    table = pd.DataFrame({
+        "sequence": np.arange(len(best)), "session": "", "number": np.arange(len(best)),
+        "source_stamp": source - source[0], "uplink": np.nan, "compute": np.nan, "downlink": np.nan,
+        "loop_time": best.to_numpy(), "lost": np.isinf(best.to_numpy()),
+    })  # fmt: skip
+    empty = pd.DataFrame({"source_stamp": [], "uplink": [], "downlink": []}, dtype=float)
+    return LoopTrace(robot, table[COLUMNS], 1e-9 * begin + source[0], None, (), empty)

@@ -1,0 +1,186 @@
+"""Tables of recorded runs: a row per run, per robot, per loop trace and per finding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from qocjax.quality import QocScale, qoc
+from qocjax.recorded.findings import CAUSES
+from qocjax.recorded.loops import LoopTrace
+from qocjax.recorded.run import RecordedRun
+
+__all__ = ["findings_table", "group_table", "reliability_table", "robot_table", "run_table", "scale_of"]
+
+PERCENTILES = (50, 95, 99)
+
+Label = dict[str, str | float]
+
+
+def scale_of(runs: Sequence[RecordedRun]) -> QocScale | None:
+    """J_med and J_max over all robots of all runs; None for fewer than two AUCs, which say nothing of each other."""
+    every = np.concatenate([run.quality.auc for run in runs if run.quality is not None] or [np.empty(0)])
+    every = every[np.isfinite(every)]
+    return QocScale.of(every) if every.size > 1 and np.median(every) > 0.0 else None
+
+
+def run_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: QocScale | None) -> pd.DataFrame:
+    """A row per run: its labels, means over its robots, its loops, and how often each cause was found."""
+    rows = []
+    for run, label in zip(runs, labels, strict=True):
+        rows.append({
+            "run": run.name, **label, "begins": _iso(run.begins), "recorded": run.duration, **_quality(run, scale),
+            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_late(run), "offered_qos": _qos(run),
+            **{f"found_{cause}": run.findings.total(cause) for cause in CAUSES},
+            "notes": "; ".join(run.findings.notes),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def robot_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: QocScale | None) -> pd.DataFrame:
+    """A row per run and robot."""
+    rows = []
+    for run, label in zip(runs, labels, strict=True):
+        judged = run.quality
+        robots = dict.fromkeys([*(judged.robots if judged else ()), *run.commands, *run.loops])
+        for robot in robots:
+            row: dict = {"run": run.name, **label, "robot": robot}
+            if judged is not None and robot in judged.robots:
+                k = judged.robots.index(robot)
+                row |= {
+                    "auc": judged.auc[k],
+                    "path_length": judged.path_length[k],
+                    "arrival_time": judged.arrival_time[k],
+                }
+                row["qoc"] = float(qoc(judged.auc[k], scale)) if scale else np.nan
+            if robot in run.commands:
+                row |= {f"command_{name}": value for name, value in vars(run.commands[robot]).items()}
+            if robot in run.loops:
+                row |= _loops([run.loops[robot]])
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def findings_table(runs: Sequence[RecordedRun]) -> pd.DataFrame:
+    """A row per run, place and cause, with what was done."""
+    rows = [
+        {"run": run.name, "where": found.where, "cause": found.cause, "count": found.count, "done": CAUSES[found.cause]}
+        for run in runs
+        for found in run.findings
+    ]
+    return pd.DataFrame(rows, columns=["run", "where", "cause", "count", "done"])
+
+
+def group_table(table: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
+    """Means over the runs that share all labels, with 95 % Student intervals where there are two runs or more."""
+    measures = [name for name in ("auc", "qoc", "min_distance", "path_length", "loop_p50", "loop_p99", "lost_share")
+                if name in table and np.isfinite(pd.to_numeric(table[name], errors="coerce")).any()]  # fmt: skip
+    rows = []
+    for key, group in table.groupby(list(labels), dropna=False, sort=True):
+        row: dict = dict(zip(labels, key, strict=True)) | {"runs": len(group)}
+        for name in measures:
+            values = pd.to_numeric(group[name]).replace([np.inf, -np.inf], np.nan).dropna().to_numpy()
+            row[name] = values.mean() if values.size else np.nan
+            if values.size > 1:
+                half = stats.sem(values) * stats.t.ppf(0.975, values.size - 1)
+                row |= {f"{name}_low": row[name] - half, f"{name}_high": row[name] + half}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def reliability_table(trace: LoopTrace, deadlines_ms: Sequence[float]) -> pd.DataFrame:
+    """F(Δ) of a trace, and the longest run of loops that miss each deadline."""
+    loop = trace.table["loop_time"].to_numpy()
+    rows = []
+    for deadline in deadlines_ms:
+        completed = loop <= deadline / 1e3
+        rows.append(
+            {"deadline": deadline / 1e3, "reliability": completed.mean(), "longest_miss_run": _longest(~completed)}
+        )
+    return pd.DataFrame(rows)
+
+
+def _longest(flags: np.ndarray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(int), [0]))))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _iso(epoch: float | None) -> str:
+    return "" if epoch is None else datetime.fromtimestamp(epoch, UTC).isoformat(timespec="milliseconds")
+
+
+def _quality(run: RecordedRun, scale: QocScale | None) -> dict:
+    judged = run.quality
+    if judged is None:
+        return {}
+    return {
+        "robots": len(judged.robots), "began": judged.began, "duration": judged.duration, "auc": _mean(judged.auc),
+        "qoc": _mean(np.asarray(qoc(judged.auc, scale))) if scale else np.nan, "min_distance": judged.min_distance,
+        "collided": judged.collided, "path_length": judged.path_length.mean(),
+        "arrival_time": judged.arrival_time.max(),
+        "goal": " | ".join(f"{x:.4g} {y:.4g}" for x, y in np.reshape(judged.goal, (-1, 2))),
+    }  # fmt: skip
+
+
+def _mean(values: np.ndarray) -> float:
+    """Mean of the defined values."""
+    defined = values[~np.isnan(values)]
+    return float(defined.mean()) if defined.size else float("nan")
+
+
+def _loops(traces: Sequence[LoopTrace]) -> dict:
+    """Loops of some robots together; delays in s."""
+    if not traces:
+        return {}
+    table = pd.concat([trace.table for trace in traces], ignore_index=True)
+    uplink = [trace.lost_uplink for trace in traces]
+    row = {
+        "loops": len(table), "lost": int(table["lost"].sum()), "lost_share": table["lost"].mean(),
+        "lost_uplink": None if None in uplink else sum(n or 0 for n in uplink),
+        "longest_lost_run": max(_longest(trace.table["lost"].to_numpy()) for trace in traces),
+        "period": table.groupby("session")["source_stamp"].diff().median(),
+    }  # fmt: skip
+    arrived = table[~table["lost"]]
+    for name, column in (("loop", "loop_time"), ("uplink", "uplink"), ("compute", "compute"), ("downlink", "downlink")):
+        values = arrived[column].dropna()
+        if len(values):
+            row |= {f"{name}_p{p}": np.percentile(values, p) for p in PERCENTILES}
+    clocks = [clock for trace in traces for clock in trace.clocks]
+    if clocks:
+        row["clock_stretches"] = len(clocks)
+        row["clock_uncertainty"] = float(np.median([clock.uncertainty for clock in clocks]))
+        row["clock_drift_ppm"] = 1e6 * float(np.median([clock.drift for clock in clocks]))
+        row["parts_share"] = float(table.loc[~table["lost"], "uplink"].notna().mean())
+    return row
+
+
+def _commands(run: RecordedRun) -> dict:
+    reports = list(run.commands.values())
+    if not reports:
+        return {}
+    return {
+        "commands": sum(each.count for each in reports),
+        "command_period": float(np.median([each.period for each in reports])),
+        "command_gaps": sum(each.gaps for each in reports),
+        "longest_command_gap": max(each.longest_gap for each in reports),
+        "hold_share": float(np.mean([each.hold_share for each in reports])),
+        "driving_hold_time": sum(each.driving_hold_time for each in reports),
+    }
+
+
+def _late(run: RecordedRun) -> dict:
+    if not run.late:
+        return {}
+    every = np.concatenate(list(run.late.values()))
+    return {f"pose_late_p{p}": np.percentile(every, p) for p in PERCENTILES}
+
+
+def _qos(run: RecordedRun) -> str:
+    groups: dict[str, list[str]] = {}
+    for topic, words in run.qos.items():
+        groups.setdefault(words or "not recorded", []).append(topic)
+    return "; ".join(f"{words}: {' '.join(sorted(topics))}" for words, topics in groups.items())

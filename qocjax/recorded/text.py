@@ -1,0 +1,71 @@
+"""A recorded run as a few lines for a terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qocjax.recorded.commands import CommandReport
+from qocjax.recorded.judge import Quality
+from qocjax.recorded.loops import LoopTrace
+from qocjax.recorded.run import RecordedRun
+from qocjax.recorded.tables import PERCENTILES
+
+__all__ = ["run_lines"]
+
+_PARTS = ("loop_time", "uplink", "compute", "downlink")
+
+
+def run_lines(run: RecordedRun, qoc: float | None) -> list[str]:
+    """What came out of a run, and every finding.
+
+    Args:
+        run: The run.
+        qoc: Its QoC; None or NaN where there is none.
+    """
+    lines = [f"{run.name}  ({run.duration:.4g} s)"]
+    if run.quality is not None:
+        lines.append(_quality_line(run.quality, qoc))
+    for robot, trace in run.loops.items():
+        lines += _loop_lines(robot, trace)
+    for topic, late in run.late.items():
+        median, most = 1e3 * np.percentile(late, (50, 99))
+        lines.append(f"  {topic}: {median:.3g} ms (99 %: {most:.3g} ms) later than its quickest")
+    lines += [_command_line(robot, report) for robot, report in run.commands.items()]
+    lines += [f"  offered QoS of {topic}: {words or 'not recorded'}" for topic, words in run.qos.items()]
+    lines += [f"  found {found.count} {found.cause} in {found.where}" for found in run.findings]
+    return lines + [f"  note: {text}" for text in run.findings.notes]
+
+
+def _quality_line(judged: Quality, qoc: float | None) -> str:
+    goals = " | ".join(f"{x:.3f} {y:.3f}" for x, y in np.reshape(judged.goal, (-1, 2)))
+    robots = ", ".join(
+        f"{name}: AUC {'not defined' if np.isnan(auc) else f'{auc:.4g} s'}, path {length:.2f} m"
+        for name, auc, length in zip(judged.robots, judged.auc, judged.path_length, strict=True)
+    )
+    apart = f"; smallest distance {judged.min_distance:.3g} m" if np.isfinite(judged.min_distance) else ""
+    score = "" if qoc is None or np.isnan(qoc) else f"; QoC {qoc:.4f}"
+    return f"  {judged.duration:.4g} s judged, goal ({goals}): {robots}{apart}{score}"
+
+
+def _loop_lines(robot: str, trace: LoopTrace) -> list[str]:
+    table = trace.table
+    parts = []
+    for name in _PARTS:
+        values = table.loc[~table["lost"], name].dropna()
+        if len(values):
+            numbers = "/".join(f"{1e3 * v:.4g}" for v in np.percentile(values, PERCENTILES))
+            parts.append(f"{name.replace('_', ' ')} {numbers}")
+    shares = "/".join(map(str, PERCENTILES))
+    lines = [f"  {robot}: {len(table)} loops, {int(table['lost'].sum())} lost; ms at {shares} %: {', '.join(parts)}"]
+    if trace.clocks:
+        worst = 1e3 * max(clock.uncertainty for clock in trace.clocks)
+        drift = 1e6 * float(np.median([clock.drift for clock in trace.clocks]))
+        lines.append(f"    edge's clock known within {worst:.3g} ms, drifts by {drift:.3g} ppm")
+    return lines
+
+
+def _command_line(robot: str, report: CommandReport) -> str:
+    return (
+        f"  commands of {robot}: {report.count}, one in {1e3 * report.period:.4g} ms, {report.gaps} gaps (longest "
+        f"{report.longest_gap:.3g} s), on hold {report.hold_share:.1%}"
+    )
