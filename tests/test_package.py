@@ -38,10 +38,16 @@ SAMPLES = {
     "delay/histogram": ["network.compute.path=delays.xml"],
     **{f"stamps/{path.stem}": ["path=logs"] for path in (CONF / "stamps").glob("*.yaml")},
 }
+NEEDED = {"ingest": ["path=logs"]}  # without which a command has nothing to do
 PLACES = {"delay": "delay@network.compute", "loss": "loss@network.uplink.loss"}
 COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
 CHOICES = sorted(path.relative_to(CONF).with_suffix("").as_posix() for path in CONF.glob("*/*.yaml"))
-DOCUMENTS = ["README.md", "experiments/README.md", *(f"conf/help/{command}.yaml" for command in COMMANDS)]
+DOCUMENTS = [
+    "README.md",
+    "experiments/README.md",
+    *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+    *(f"conf/help/{command}.yaml" for command in COMMANDS),
+]
 
 SMALL = [
     "sweep=kappa", "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[150,800]", "sweep.seeds=2",
@@ -263,7 +269,7 @@ def test_files_can_be_read_and_agree(study: tuple[subprocess.CompletedProcess[st
 def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: Path) -> None:
     done = sweep(["--help"], tmp_path, environment)
     assert done.returncode == 0, done.stderr
-    for text in ("network: kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
+    for text in ("network: dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
         assert text in done.stdout
     assert list(tmp_path.iterdir()) == []
 
@@ -342,7 +348,8 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         flags = [option for option in options if option.startswith("--")]
         assert set(flags) <= {"--multirun", "--help"}
         jobs = [option.split(",")[0] if "--multirun" in flags and "[" not in option else option for option in options]
-        config = composed(command, [option for option in jobs if option not in flags])
+        given = [option for option in jobs if option not in flags]
+        config = composed(command, given or NEEDED.get(command, []))
         config.baseline() if isinstance(config, SimulationConfig) else config.build()
 
 

@@ -104,7 +104,7 @@ class Runner:
         slots, lag = (0, group.lag) if self.in_blocks else (group.slots, 0)
         plan = Plan(self.rules, self.math(group.longest_period), slots, group.mid_tick, lag=lag)
         leaves, structure = jax.tree.flatten(args)
-        key = (self.measure, plan, structure, tuple((np.shape(leaf), np.result_type(leaf)) for leaf in leaves))
+        key = (self.measure, plan, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
         program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=5).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
