@@ -1,0 +1,72 @@
+"""The navigation stack: layered costmap, global planner and local controller (model, section 9)."""
+
+from qocjax.navigation.costmap import (
+    Inflation,
+    Layers,
+    Obstacles,
+    StaticLayer,
+    check_free,
+    costmap_layers,
+    others,
+    static_layer,
+)
+from qocjax.navigation.critics import (
+    ConstraintCritic,
+    CostCritic,
+    Critic,
+    GoalAngleCritic,
+    GoalCritic,
+    ObstaclesCritic,
+    PreferForwardCritic,
+)
+from qocjax.navigation.distance import distance_to, squared_distance
+from qocjax.navigation.grid import Grid
+from qocjax.navigation.local_path import MapCosts
+from qocjax.navigation.map_files import read_map
+from qocjax.navigation.maps import Disc, Rectangle, StaticMap, map_of_shapes
+from qocjax.navigation.mppi import Rollouts, State, initial_state, predict, step, step_each
+from qocjax.navigation.mppi_config import MppiConfig
+from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
+from qocjax.navigation.planner import Path, follow, plan
+from qocjax.navigation.wavefront import Planner, cost_to_go
+
+__all__ = [
+    "ConstraintCritic",
+    "CostCritic",
+    "Critic",
+    "Disc",
+    "GoalAngleCritic",
+    "GoalCritic",
+    "Grid",
+    "Inflation",
+    "Layers",
+    "MapCosts",
+    "MppiConfig",
+    "Obstacles",
+    "ObstaclesCritic",
+    "Path",
+    "PathAlignCritic",
+    "PathFollowCritic",
+    "Planner",
+    "PreferForwardCritic",
+    "Rectangle",
+    "Rollouts",
+    "State",
+    "StaticLayer",
+    "StaticMap",
+    "check_free",
+    "cost_to_go",
+    "costmap_layers",
+    "distance_to",
+    "follow",
+    "initial_state",
+    "map_of_shapes",
+    "others",
+    "plan",
+    "predict",
+    "read_map",
+    "squared_distance",
+    "static_layer",
+    "step",
+    "step_each",
+]

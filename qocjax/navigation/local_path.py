@@ -1,0 +1,87 @@
+"""The part of the global path that the local controller sees, at equal distances along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+__all__ = ["LocalPath", "MapCosts", "local_path"]
+
+# What lies outside the map (Nav2's NO_INFORMATION).
+NO_INFORMATION = 255.0
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MapCosts:
+    """Costs on a grid, Nav2's scale: 0 free, 253 within the inscribed radius of an obstacle, 254 lethal.
+
+    Cell [r, c] covers x in origin[0] + [c, c + 1) resolution and y in origin[1] + [r, r + 1) resolution. Where the
+    cells lie is static, so that maps of many simulations differ in their costs alone.
+    """
+
+    cost: Array  # [rows, cols]
+    resolution: float = field(metadata={"static": True})  # m
+    origin: tuple[float, float] = field(metadata={"static": True})  # m, the outer corner of cell [0, 0]
+
+    def at(self, x: Array, y: Array) -> Array:
+        """Cost of the cells that hold the points, NO_INFORMATION outside the map."""
+        rows, cols = self.cost.shape
+        scale = 1.0 / self.resolution
+        column = jnp.floor((x - self.origin[0]) * scale)
+        row = jnp.floor((y - self.origin[1]) * scale)
+        inside = (column >= 0) & (column < cols) & (row >= 0) & (row < rows)
+        index = jnp.where(inside, row * cols + column, 0.0).astype(jnp.int32)  # float32 is exact to 16 million cells
+        found = self.cost.reshape(-1).at[index].get(mode="promise_in_bounds")
+        return jnp.where(inside, found, jnp.asarray(NO_INFORMATION, found.dtype)).astype(x.dtype)
+
+
+class LocalPath(NamedTuple):
+    """The path from the point nearest to the robot onwards, M points at equal distances; beyond its end, the end."""
+
+    x: Array  # [M] m
+    y: Array  # [M] m
+    last: Array  # [] index of the first point at the end, M - 1 where the end lies beyond
+    remaining: Array  # [] length from the first point to the end of the whole path (m)
+
+
+def local_path(path: Array, x: Array, y: Array, prune_distance: float, spacing: float) -> LocalPath:
+    """Cuts a path at its point nearest to the robot and reads it at equal distances, as far as `prune_distance`.
+
+    Nav2's path handler prunes likewise, but keeps the planner's own points; equal distances make "the path point after
+    s metres" an index s / spacing.
+
+    Args:
+        path: [P, 2] corners of the path (m), P >= 2; to fill up a shorter one, its last point is repeated.
+        x: Of the robot, [] (m).
+        y: Of the robot, [] (m).
+        prune_distance: How far along the path the controller sees (m).
+        spacing: Between the points (m).
+    """
+    start, leap = path[:-1], path[1:] - path[:-1]
+    squared = jnp.sum(leap * leap, axis=1)
+    length = jnp.sqrt(squared)
+    # The nearest point of each segment, by its share of the segment.
+    toward = (x - start[:, 0]) * leap[:, 0] + (y - start[:, 1]) * leap[:, 1]
+    share = jnp.clip(toward / jnp.where(squared > 0, squared, 1.0), 0.0, 1.0)
+    gap_x, gap_y = start[:, 0] + share * leap[:, 0] - x, start[:, 1] + share * leap[:, 1] - y
+    nearest = jnp.argmin(gap_x * gap_x + gap_y * gap_y)
+    reached = jnp.cumsum(length)
+    travelled = reached[nearest] - (1.0 - share[nearest]) * length[nearest]
+    remaining = reached[-1] - travelled
+
+    num = _num_points(prune_distance, spacing)
+    wanted = jnp.minimum(travelled + spacing * jnp.arange(num, dtype=path.dtype), reached[-1])
+    segment = jnp.minimum(jnp.sum(reached[None, :] < wanted[:, None], axis=1), len(start) - 1)
+    back = (reached[segment] - wanted) / jnp.where(length[segment] > 0, length[segment], 1.0)
+    points = path[segment + 1] - back[:, None] * leap[segment]
+    last = jnp.minimum(jnp.ceil(remaining / spacing).astype(jnp.int32), num - 1)
+    return LocalPath(points[:, 0], points[:, 1], last, remaining)
+
+
+def _num_points(prune_distance: float, spacing: float) -> int:
+    return round(prune_distance / spacing) + 1
