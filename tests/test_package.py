@@ -39,7 +39,12 @@ SAMPLES = {
     **{f"stamps/{path.stem}": ["path=logs"] for path in (CONF / "stamps").glob("*.yaml")},
 }
 NEEDED = {"ingest": ["path=logs"]}  # without which a command has nothing to do
-PLACES = {"delay": "delay@network.compute", "loss": "loss@network.uplink.loss"}
+# Groups of parts of a network: the network, and the place in it.
+PLACES = {
+    "delay": ("loop", "delay@network.compute"),
+    "loss": ("loop", "loss@network.uplink.loss"),
+    "profile": ("dds", "profile@network.uplink.profile"),
+}
 COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
 CHOICES = sorted(path.relative_to(CONF).with_suffix("").as_posix() for path in CONF.glob("*/*.yaml"))
 DOCUMENTS = [
@@ -329,8 +334,9 @@ def test_every_choice_composes(choice: str, composer: None) -> None:
     else:
         wanted = "network" if group in PLACES else group
         command = next(command for command in ("sweep", *COMMANDS) if wanted in groups(command))
-    network = ["network=loop"] if group in PLACES else []
-    config = composed(command, [*network, f"{PLACES.get(group, group)}={name}", *SAMPLES.get(choice, [])])
+    network, place = PLACES.get(group, (None, group))
+    others = [f"network={network}"] if network else []
+    config = composed(command, [*others, f"{place}={name}", *SAMPLES.get(choice, [])])
     if not isinstance(config, SimulationConfig):
         config.build()
         return

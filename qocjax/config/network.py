@@ -24,6 +24,7 @@ from qocjax.network import (
     read_samples,
     read_trace,
 )
+from qocjax.network.dds import DdsNetwork, Profile, Topic
 
 __all__ = ["NetworkConfig"]
 
@@ -201,4 +202,51 @@ class TraceConfig(Part):
         )
 
 
-NetworkConfig = Annotated[LoopNetworkConfig | Kth5gConfig | TraceConfig, Field(discriminator="kind")]
+class ProfileConfig(Part):
+    """QoS of a ROS 2 topic with the protocol's timers."""
+
+    reliability: str
+    depth: int | None
+    reader_depth: int | None
+    lifespan: float
+    deadline: float
+    heartbeat_period: float
+    piggyback: bool
+    acknack_delay: float
+    nack_period: float
+    repair_delay: float
+
+    def build(self) -> Profile:
+        """The profile."""
+        return Profile(**self.model_dump())
+
+
+class TopicConfig(LegConfig):
+    """One direction of ROS 2 topics."""
+
+    profile: ProfileConfig
+    payload: int
+    in_order: bool
+
+    def build(self) -> Topic:
+        """The topic."""
+        return Topic(self.delay.build(), self.loss.build(), self.profile.build(), self.payload, self.in_order)
+
+
+class DdsConfig(Part):
+    """ROS 2 topics up and down, BEST_EFFORT or RELIABLE."""
+
+    kind: Literal["dds"]
+    name: str
+    uplink: TopicConfig
+    compute: Delay
+    downlink: TopicConfig
+
+    def build(self) -> DdsNetwork:
+        """The network."""
+        return DdsNetwork(
+            uplink=self.uplink.build(), compute=self.compute.build(), downlink=self.downlink.build(), name=self.name
+        )
+
+
+NetworkConfig = Annotated[LoopNetworkConfig | Kth5gConfig | TraceConfig | DdsConfig, Field(discriminator="kind")]

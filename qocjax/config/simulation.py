@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -10,6 +11,7 @@ from pydantic import Field
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
 from qocjax.network import Network
+from qocjax.network.dds import DdsNetwork
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
 
@@ -103,7 +105,8 @@ class SimulationConfig(Part):
 
     def build_network(self) -> Network:
         """Where loop times come from; reads files where it names any."""
-        return self.network.build()
+        network = self.network.build()
+        return replace(network, period=self.loop.tau) if isinstance(network, DdsNetwork) else network
 
     def baseline(self) -> Design:
         """The design around which parameters are swept."""

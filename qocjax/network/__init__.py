@@ -8,6 +8,7 @@ in seconds, and infinite if a message is lost. It completes if T_net is within t
 - A loss process says which messages are lost: `IndependentLoss`, or in bursts, `GilbertElliott`.
 - A `Leg` is a delay law with a loss process, and a `LoopNetwork` two of them with the compute time in between.
 - A `Trace` is the other way to a network: loop times as they were measured, in order.
+- `DdsNetwork`, in `qocjax.network.dds`, is two ROS 2 topics, BEST_EFFORT or RELIABLE.
 - All that the rest of qocjax knows of them is `Network`: loop times of a seed, F(deadline), a name. A new transport
   needs no more than that. `loop_times` draws those of a whole study.
 - `completes` is the one comparison of a loop time with a deadline.

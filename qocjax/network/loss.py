@@ -29,6 +29,10 @@ class IndependentLoss:
             return jnp.zeros((num_ticks, num_robots), bool)
         return jax.random.bernoulli(key, self.probability, (num_ticks, num_robots))
 
+    def chance(self, key: Array, num_ticks: int, num_robots: int) -> Array:
+        """Returns the loss probability of whatever is sent within each sampling period, [P, N]."""
+        return jnp.full((num_ticks, num_robots), self.probability, jnp.result_type(float))
+
     def describe(self) -> dict[str, Any]:
         """Returns the process as plain values."""
         return plain(self)
@@ -65,7 +69,12 @@ class GilbertElliott:
 
     def sample(self, key: Array, num_ticks: int, num_robots: int) -> Array:
         """Draws which messages are lost: booleans [P, N], correlated along the ticks."""
-        of_start, of_steps, of_losses = jax.random.split(key, 3)
+        levels = jax.random.uniform(jax.random.split(key, 3)[2], (num_ticks, num_robots), jnp.result_type(float))
+        return levels < self.chance(key, num_ticks, num_robots)
+
+    def chance(self, key: Array, num_ticks: int, num_robots: int) -> Array:
+        """Draws the state of the channel, as the loss probability of whatever is sent within each period, [P, N]."""
+        of_start, of_steps, _ = jax.random.split(key, 3)
         dtype = jnp.result_type(float)
         steps = jax.random.uniform(of_steps, (num_ticks, num_robots), dtype)
         start = jax.random.bernoulli(of_start, self.bad_share, (num_robots,))
@@ -75,8 +84,7 @@ class GilbertElliott:
             return then, bad
 
         _, bad = lax.scan(step, start, steps)
-        losses = jax.random.uniform(of_losses, (num_ticks, num_robots), dtype)
-        return losses < jnp.where(bad, self.loss_bad, self.loss_good)
+        return jnp.where(bad, self.loss_bad, self.loss_good).astype(dtype)
 
     def describe(self) -> dict[str, Any]:
         """Returns the process as plain values."""

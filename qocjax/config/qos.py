@@ -1,0 +1,102 @@
+"""Configuration of `python -m qocjax.qos`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from qocjax.config.network import DdsConfig
+from qocjax.config.part import Part
+from qocjax.config.simulation import SimulationConfig
+from qocjax.network.dds import DdsNetwork, Profile
+from qocjax.network.demand import Carrier
+from qocjax.quality import QocScale
+
+__all__ = ["QosConfig"]
+
+
+class CarrierConfig(Part):
+    """5G carrier."""
+
+    bandwidth_mhz: int
+    numerology: int
+    mcs_uplink: int
+    mcs_downlink: int
+
+    def build(self) -> Carrier:
+        """The carrier."""
+        return Carrier(**self.model_dump())
+
+
+class ShownConfig(Part):
+    """The channel of the figures that show one."""
+
+    loss: float
+    burst: float
+
+
+class QosOptions(Part):
+    """Axes and seeds."""
+
+    profiles: dict[str, dict[str, Any]]
+    loss: list[float]
+    burst: list[float]
+    deadline_ms: list[float]
+    show: ShownConfig
+    seeds: int
+    j_med: float | None
+    j_max: float | None
+
+
+class QosConfig(SimulationConfig):
+    """Everything that `python -m qocjax.qos` reads."""
+
+    qos: QosOptions
+    carrier: CarrierConfig
+    figures: bool
+
+    def build_topics(self) -> DdsNetwork:
+        """The network.
+
+        Raises:
+            ValueError: It has no ROS 2 topics.
+        """
+        network = self.build_network()
+        if not isinstance(self.network, DdsConfig) or not isinstance(network, DdsNetwork):
+            raise ValueError(f"network: got {network.name!r}, expected ROS 2 topics (network=dds)")
+        return network
+
+    def profiles(self) -> dict[str, dict[str, Any]]:
+        """Changes to the QoS by name.
+
+        Raises:
+            ValueError: A profile changes what a profile does not have.
+        """
+        known = tuple(Profile.__dataclass_fields__)
+        for name, changes in self.qos.profiles.items():
+            for option in changes:
+                if option not in known:
+                    raise ValueError(f"qos.profiles.{name}: got {option!r}, expected some of {', '.join(known)}")
+        return self.qos.profiles
+
+    def shown(self) -> tuple[float, float]:
+        """Loss and burst of the channel to show.
+
+        Raises:
+            ValueError: It is not on the axes.
+        """
+        for name in ("loss", "burst"):
+            if getattr(self.qos.show, name) not in getattr(self.qos, name):
+                at, axis = getattr(self.qos.show, name), getattr(self.qos, name)
+                raise ValueError(f"qos.show.{name}: got {at:g}, expected one of qos.{name}: {axis}")
+        return self.qos.show.loss, self.qos.show.burst
+
+    def scale(self) -> QocScale | None:
+        """J_med and J_max where both are given.
+
+        Raises:
+            ValueError: Only one is.
+        """
+        median, largest = self.qos.j_med, self.qos.j_max
+        if (median is None) != (largest is None):
+            raise ValueError(f"qos.j_med, qos.j_max: got {median} and {largest}, expected both or neither")
+        return None if median is None or largest is None else QocScale(median, largest)

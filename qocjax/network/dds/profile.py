@@ -1,0 +1,95 @@
+"""QoS profile of one topic, its protocol timers, and what its messages weigh on the wire (model, section 8)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from qocjax import _checks
+from qocjax.network._fields import plain, store_float
+
+__all__ = ["RELIABILITIES", "WINDOW", "Profile"]
+
+RELIABILITIES = ("best_effort", "reliable")
+WINDOW = 256  # samples that one ACKNACK can ask for (RTPS 2.5, SequenceNumberSet)
+
+# Bytes on the wire: IPv4 and UDP headers, RTPS header, and submessages (RTPS 2.5, section 9.4.5).
+_HEADERS = 28 + 20
+_INFO_TS, _INFO_DST, _DATA, _HEARTBEAT, _ACKNACK = 12, 16, 24, 32, 32
+_REPAIR_PACKET = 1456  # bytes that repairs are packed into, as Eclipse Cyclone DDS does by default
+
+
+@dataclass(frozen=True)
+class Profile:
+    """QoS of a topic, on writer and reader, with the timers of the RTPS protocol. Defaults are Eclipse Cyclone DDS's.
+
+    Attributes:
+        reliability: `best_effort` or `reliable`.
+        depth: KEEP_LAST depth of the writer's history; None for KEEP_ALL.
+        reader_depth: Samples of a burst that the reader hands over, its newest; None for all.
+        lifespan: Age (s) from which a sample is neither repaired nor handed over.
+        deadline: DDS's DEADLINE (s): periods without a sample are counted, no more. Not the deadline of a loop.
+        heartbeat_period: Time (s) since the last heartbeat after which the writer sends one by itself.
+        piggyback: Whether every sample carries a heartbeat, so that any later sample shows a gap. Without, only
+            the periodic heartbeats do.
+        acknack_delay: Time (s) from the heartbeat that shows a new gap to the ACKNACK.
+        nack_period: Least time (s) between two ACKNACKs that ask for the same samples.
+        repair_delay: Time (s) from an ACKNACK's arrival at the writer to the repair.
+    """
+
+    reliability: str = "reliable"
+    depth: int | None = 10
+    reader_depth: int | None = None
+    lifespan: float = math.inf
+    deadline: float = math.inf
+    heartbeat_period: float = 0.1
+    piggyback: bool = True
+    acknack_delay: float = 0.0
+    nack_period: float = 0.1
+    repair_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        _checks.choice("Profile.reliability", self.reliability, RELIABILITIES)
+        for name in ("depth", "reader_depth"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _checks.count(f"Profile.{name}", value))
+        if not isinstance(self.piggyback, bool):
+            raise TypeError(f"Profile.piggyback: got {self.piggyback!r}, expected True or False")
+        for name in ("lifespan", "deadline"):
+            if getattr(self, name) != math.inf:
+                store_float(self, name, above=0.0)
+        store_float(self, "heartbeat_period", above=0.0)
+        for name in ("acknack_delay", "nack_period", "repair_delay"):
+            store_float(self, name, least=0.0)
+
+    @property
+    def reliable(self) -> bool:
+        """Whether lost samples are repaired."""
+        return self.reliability == "reliable"
+
+    @property
+    def window(self) -> int:
+        """Samples that may be missing at a time, as far as an ACKNACK can say."""
+        return WINDOW if self.depth is None else min(self.depth, WINDOW)
+
+    def data_bytes(self, payload: int) -> int:
+        """Bytes of a sample's packet."""
+        return _HEADERS + _INFO_TS + _DATA + payload + (_HEARTBEAT if self.reliable and self.piggyback else 0)
+
+    def repair_bytes(self, payload: int) -> tuple[int, int]:
+        """Bytes of each packet of repairs by itself, and of each sample in it."""
+        return _HEADERS + _INFO_DST, _INFO_TS + _DATA + payload
+
+    def repairs_per_packet(self, payload: int) -> int:
+        """Samples that one packet of repairs takes."""
+        packet, sample = self.repair_bytes(payload)
+        return max(1, (_REPAIR_PACKET - packet) // sample)
+
+    def describe(self) -> dict[str, Any]:
+        """Returns the profile as plain values."""
+        return plain(self)
+
+
+HEARTBEAT_BYTES = _HEADERS + _INFO_DST + _HEARTBEAT
+ACKNACK_BYTES = _HEADERS + _INFO_DST + _ACKNACK
