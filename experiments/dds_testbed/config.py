@@ -1,0 +1,84 @@
+"""Configuration of the testbed: that of a simulation, with a QoS profile, a link and limits on a run's lateness."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import hydra
+from hydra.errors import HydraException
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from pydantic import Field
+
+from experiments.dds_testbed.plan import Plan
+from qocjax.config import Part, SimulationConfig, conf_dir, load
+from qocjax.network.schedule import Rules
+
+__all__ = ["TestbedConfig", "read_config"]
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class QosConfig(Part):
+    """What writers offer and readers ask for."""
+
+    reliability: Literal["best_effort", "reliable"]
+    depth: Annotated[int, Field(ge=1)]
+
+
+class LimitsConfig(Part):
+    """When a run is rejected."""
+
+    relay_p99_ms: Positive
+    tick_p99_ms: Positive
+
+
+class TestbedConfig(SimulationConfig):
+    """A run of the testbed."""
+
+    qos: QosConfig
+    deadline_ms: Positive
+    link: Literal["auto", "tap", "veth"]
+    in_order: bool
+    warm_up: Positive
+    cool_down: Positive
+    limits: LimitsConfig
+    folder: str
+
+    def build_plan(self, tap: bool, folder: Path) -> Plan:
+        """What robots and edge are told.
+
+        Raises:
+            ValueError: A rule that the testbed does not know, or a value out of range.
+        """
+        scenario, rules = self.build_scenario(), self.loop.build()
+        if rules.actuation == "instant":
+            raise ValueError("loop.actuation: got 'instant', expected what real time allows, 'arrival' or 'deadline'")
+        if rules.hold != Rules().hold:
+            raise ValueError(f"loop.hold: got {rules.hold!r}, expected 'hold', the only one in the testbed")
+        if not 1 <= scenario.num_robots <= 16:
+            raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")
+        design = {name: float(value) for name, value in vars(self.baseline()).items()}
+        return Plan(
+            start=self.scenario.start, goal=self.scenario.goal, horizon=scenario.horizon,
+            design=design | {"deadline": self.deadline_ms * 1e-3}, actuation=rules.actuation,
+            reliable=self.qos.reliability == "reliable", depth=self.qos.depth,
+            warm_up=self.warm_up, cool_down=self.cool_down, tap=tap, folder=str(folder),
+        )  # fmt: skip
+
+
+def read_config(options: list[str]) -> TestbedConfig:
+    """Composes `testbed.yaml` with options of the form `name=value`.
+
+    Raises:
+        ValueError: An unknown option, or a wrong value.
+    """
+    here = Path(__file__).resolve().parent
+    try:
+        with hydra.initialize_config_dir(str(here), version_base="1.3"):
+            cfg = hydra.compose("testbed", [f"hydra.searchpath=[file://{conf_dir()}]", *options])
+        OmegaConf.resolve(cfg)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise ValueError(" ".join(str(error).split())) from None
+    return load(TestbedConfig, cfg)

@@ -1,0 +1,106 @@
+"""What came out of a run: its loops, its poses, its quality of control, its percentiles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from experiments.dds_testbed.plan import Plan
+from qocjax import QocScale, Scenario, simulate
+from qocjax.quality import Tally, initial_norm
+from qocjax.reference import reference_origin, reference_path
+from qocjax.unicycle import Command, Pose, pose_from
+
+__all__ = ["auc_of", "ideal_scale", "loop_table", "loop_times", "pose_table", "replayed"]
+
+
+def loop_table(plan: Plan, start: int) -> pd.DataFrame:
+    """One row per loop and robot of the run itself: four stamps and the time applied (s from the start), and delays.
+
+    Stamps of the edge are on the edge's clock, which on one machine is the robots'. A lost loop has an infinite
+    `loop_time`, and no stamp of what did not happen.
+    """
+    robot, edge = np.load(Path(plan.folder) / "robot.npz"), np.load(Path(plan.folder) / "edge.npy")
+    first = plan.padding[0]
+    sent, received = ((stamps[first : first + plan.num_ticks] - start) * 1e-9 for stamps in robot["stamps"])
+    received = np.where(robot["stamps"][1, first : first + plan.num_ticks] > 0, received, np.nan)
+    at_edge = np.full((2, plan.num_ticks, plan.num_robots), np.nan)
+    of_run = edge[(edge[:, 1] >= 0) & (edge[:, 1] < plan.num_ticks) & (edge[:, 3] > 0)]
+    at_edge[:, of_run[:, 1], of_run[:, 0]] = (of_run[:, 2:].T - start) * 1e-9
+    shape = (plan.num_robots, plan.num_ticks)
+    table = pd.DataFrame(
+        {
+            "robot": np.repeat(np.arange(shape[0]), shape[1]), "sequence": np.tile(np.arange(shape[1]), shape[0]),
+            "uplink_send": sent.T.ravel(), "edge_receive": at_edge[0].T.ravel(), "edge_send": at_edge[1].T.ravel(),
+            "downlink_receive": received.T.ravel(),
+        }
+    )  # fmt: skip
+    table["uplink"] = table["edge_receive"] - table["uplink_send"]
+    table["compute"] = table["edge_send"] - table["edge_receive"]
+    table["downlink"] = table["downlink_receive"] - table["edge_send"]
+    table["loop_time"] = (table["downlink_receive"] - table["uplink_send"]).fillna(np.inf)
+    table["lost"] = np.isinf(table["loop_time"])
+    return table
+
+
+def pose_table(plan: Plan) -> pd.DataFrame:
+    """Pose and command at the begin of each piece of constant command, and at the end; one row per robot."""
+    pieces = np.load(Path(plan.folder) / "robot.npz")
+    time = np.append(pieces["time"] * 1e-9, plan.horizon)
+    pose, speeds = np.append(pieces["pose"], pieces["last"][None], axis=0), pieces["speeds"]
+    speeds = np.append(speeds, speeds[-1:], axis=0)
+    columns = {"time": np.repeat(time, plan.num_robots), "robot": np.tile(np.arange(plan.num_robots), len(time))}
+    columns |= {name: pose[..., k].ravel() for k, name in enumerate(("x", "y", "heading"))}
+    columns |= {name: speeds[:, k].ravel() for k, name in enumerate(("nu", "omega"))}
+    return pd.DataFrame(columns)
+
+
+def auc_of(scenario: Scenario, plan: Plan, pieces: Mapping[str, np.ndarray]) -> np.ndarray:
+    """AUC of each robot from the motion as it was (`Robots.record`), [N] s (model, section 5)."""
+    instants = np.append(pieces["time"] * 1e-9, plan.horizon)
+    poses = np.concatenate([pieces["pose"], pieces["last"][None]])
+    start, goal = jnp.asarray(scenario.start), jnp.broadcast_to(jnp.asarray(scenario.goal), (plan.num_robots, 2))
+    x, y = reference_path(jnp.asarray(instants), start, goal, scenario, plan.as_design())
+    integral = _integral(scenario, jnp.asarray(poses), jnp.asarray(pieces["speeds"]), jnp.asarray(instants), (x, y))
+    origin = reference_origin(start, scenario.reference_per_robot)
+    return np.asarray(integral / initial_norm(scenario, start, goal, origin))
+
+
+@jax.jit
+def _integral(
+    scenario: Scenario, poses: jax.Array, speeds: jax.Array, instants: jax.Array, path: tuple[jax.Array, jax.Array]
+) -> jax.Array:
+    """∫ |delta|²_W dt of each robot over pieces of constant command, [N] m² s."""
+
+    def over(tally: Tally, k: jax.Array) -> tuple[Tally, None]:
+        ends = tuple(pose_from(poses[k + each]) for each in (0, 1))
+        error = tuple((pose.x - path[0][k + each], pose.y - path[1][k + each]) for each, pose in enumerate(ends))
+        command = Command(speeds[k, 0], speeds[k, 1])
+        return tally.over_piece(scenario, error, ends, command, instants[k + 1] - instants[k]), None
+
+    first: Pose = pose_from(poses[0])
+    tally, _ = jax.lax.scan(over, Tally.zero(first), jnp.arange(len(speeds)))
+    return tally.integral
+
+
+def loop_times(plan: Plan, loops: pd.DataFrame) -> np.ndarray:
+    """T_net of a table of loops as a matrix, [P, N] s."""
+    return loops["loop_time"].to_numpy().reshape(plan.num_robots, plan.num_ticks).T
+
+
+def replayed(scenario: Scenario, plan: Plan, times: np.ndarray) -> np.ndarray:
+    """AUC that the simulator gives for the measured loop times [P, N], [N] s."""
+    return np.asarray(simulate(scenario, plan.as_design(), times, plan.actuation).auc)
+
+
+def ideal_scale(scenario: Scenario, plan: Plan) -> QocScale:
+    """Scale of a run on its own: QoC is 0.5 for a loop without delay or loss; robots that never move have J_max."""
+    at_once = np.zeros((plan.num_ticks, plan.num_robots))
+    runs = (simulate(scenario, plan.as_design(), times, "instant") for times in (at_once, at_once + np.inf))
+    ideal, stuck = (float(np.mean(run.auc)) for run in runs)
+    return QocScale(ideal, stuck)
