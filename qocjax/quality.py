@@ -127,7 +127,7 @@ class Tally:
 
     @staticmethod
     def _axis(a: Array, b: Array, moved: Array, heads: Array, next_heads: Array) -> Array:
-        """Six times the mean squared disagreement along one axis, from a to b; `heads` are the slopes of motion times h.
+        """Six times the mean squared disagreement along an axis, from a to b; `heads` are the slopes of motion times h.
 
         3 (a² + b²) + a (heads - r) - b (next_heads - r), where the reference moves by r, in the fewest operations.
         """
