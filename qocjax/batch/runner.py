@@ -112,7 +112,8 @@ class Runner:
         """Start poses [N, 3, 1, seeds] and loop times [ticks of the program, N, 1, seeds] of the seeds of a batch."""
         group = batch.group
         ticks, tau = group.ticks, group.tau
-        if getattr(self.network, "prefix_stable", False) and jax.config.jax_threefry_partitionable:  # type: ignore[attr-defined]
+        stable = getattr(self.network, "prefix_stable", False)
+        if stable and getattr(jax.config, "jax_threefry_partitionable", True):
             ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
         args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
         key = (self.network, *map(np.shape, args[::3]), args[1], ticks, tau, self.start.dtype)
