@@ -13,10 +13,11 @@ import jax
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from qocjax.batch.evaluate import unit_of
 from qocjax.batch.xla import request_whole_loop
 from qocjax.config import conf_dir
 
-__all__ = ["command", "output_dir"]
+__all__ = ["command", "output_dir", "printed_unit"]
 
 
 def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
@@ -60,3 +61,9 @@ def _set_up_jax() -> None:
 def output_dir() -> Path:
     """Folder of this run's results."""
     return Path(HydraConfig.get().runtime.output_dir)
+
+
+def printed_unit(name: str) -> str:
+    """Unit of a value of a design, as it follows the number; nothing where it is a plain number."""
+    unit = unit_of(name)
+    return "" if unit == "1" else unit

@@ -5,21 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from qocjax._command import printed_unit
+from qocjax.quality import qoc
 from qocjax.study.advice import Advice, plain
 from qocjax.study.margins import Bound
 from qocjax.study.stress import GROWTHS
 
 __all__ = ["page"]
 
-_GAINS = {
-    "kappa": "1/s",
-    "gamma": "1/s",
-    "eta": "",
-    "c_miss": "m/s",
-    "v_max": "m/s",
-    "omega_max": "rad/s",
-    "d_safe": "m",
-}
+_GAINS = ("kappa", "gamma", "eta", "c_miss", "v_max", "omega_max", "d_safe")
 _INSURANCE = ("as it is, deadline x 1.5", "delay x 1.5, deadline kept", "delay x 1.5, deadline x 1.5")
 _POLICIES = {
     "Co-design": "yours lies within: Co-design",
@@ -31,7 +25,7 @@ _POLICIES = {
 def page(advice: Advice) -> str:
     """The advice as one page for a terminal."""
     best, ties = advice.recommended, advice.ties
-    values = ", ".join(f"{name} {float(getattr(best, name)):.3g} {unit}".strip() for name, unit in _GAINS.items())
+    values = ", ".join(f"{name} {float(getattr(best, name)):.3g} {printed_unit(name)}".strip() for name in _GAINS)
     lines = [
         f"NETWORK  {advice.network.get('name', '')}",
         *_network_lines(advice),
@@ -53,7 +47,7 @@ def page(advice: Advice) -> str:
         *_cliff(advice),
         "",
         f"QoC is relative to J_med = {advice.scale.median:.4g} s and J_max = {advice.scale.largest:.4g} s: "
-        f"1 would be perfect, {1 / (1 + advice.scale.largest / advice.scale.median):.3f} is the worst.",
+        f"1 would be perfect, {float(qoc(advice.scale.largest, advice.scale)):.3f} is the worst.",
         f"Chosen on {advice.seeds['search']} seeds, judged on {advice.seeds['fresh']} fresh ones; "
         f"{advice.simulations} simulations.",
     ]  # fmt: skip

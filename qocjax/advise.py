@@ -18,7 +18,7 @@ from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.save import save
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
-from qocjax.store import provenance, write_table, write_text
+from qocjax.store import provenance, write_config, write_table, write_text
 from qocjax.study.advice import Advice, advise, plain
 from qocjax.study.slack import Slack
 
@@ -46,7 +46,7 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
     if folder is not None:
         write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(advice_values(advice) | provenance())))
         write_text(folder / "nav2_params.yaml", nav2_text(advice, config.loop.build()))
-        write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+        write_config(folder, config.model_dump())
         write_table(folder / "curve", advice.curve)
         if advice.slack is not None:
             write_table(folder / "plane", advice.slack.plane)

@@ -7,27 +7,21 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax._command import command, output_dir
+from qocjax._command import command, output_dir, printed_unit
 from qocjax.config import load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.codesign import draw_codesign
 from qocjax.quality import QocScale
 from qocjax.scenario import Design
-from qocjax.store import provenance, write_json, write_table, write_text
+from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.pareto import demand_front
 from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
 
 __all__ = ["Codesign", "main", "run", "summary"]
-
-
-_UNITS = {
-    "v_max": "m/s", "omega_max": "rad/s", "eta": "", "kappa": "1/s", "gamma": "1/s", "c_miss": "m/s", "d_safe": "m",
-    "tau": "s", "deadline": "s",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -112,7 +106,9 @@ def summary(found: Codesign, measure: str = "mean") -> str:
         table[parameter] = rows[parameter].map("{:.3g}".format)
     table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)
     lines = [table.to_string(index=False), ""]
-    design = ", ".join(f"{item.name} = {best[item.name]:.4g} {_UNITS[item.name]}".strip() for item in fields(Design))
+    design = ", ".join(
+        f"{item.name} = {best[item.name]:.4g} {printed_unit(item.name)}".strip() for item in fields(Design)
+    )
     if not best["kept_at_choice"]:
         lines.append(f"Infeasible: no design that was met keeps the limits. The least violated one breaks them by "
                      f"{best['excess_at_choice']:.3g} (relative excess, summed): {design}")  # fmt: skip
@@ -144,7 +140,7 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
     tables |= {} if found.front is None else {"front": found.front}
     for name, table in tables.items():
         write_table(folder / name, table)
-    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+    write_config(folder, config.model_dump())
     best = contest.chosen
     record = {
         "chosen": {item.name: float(best[item.name]) for item in fields(Design)},

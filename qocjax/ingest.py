@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax._command import command, output_dir
@@ -26,7 +26,7 @@ from qocjax.recorded.tables import (
     scale_of,
 )
 from qocjax.recorded.text import run_lines
-from qocjax.store import provenance, write_json, write_table, write_text
+from qocjax.store import provenance, write_config, write_json, write_table
 
 __all__ = ["Ingested", "main", "report", "run"]
 
@@ -101,7 +101,7 @@ def _write(result: Ingested, config: IngestConfig, folder: Path) -> None:
     write_json(folder / "record.json", {
         "j_med": scale and scale.median, "j_max": scale and scale.largest, "failed": result.failed, **provenance(),
     })  # fmt: skip
-    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+    write_config(folder, config.model_dump())
 
 
 def file_name(name: str) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax._command import command, output_dir
@@ -15,7 +15,7 @@ from qocjax.config.part import load
 from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import delay_figure, qoc_figure, win_map
 from qocjax.figures.save import save
-from qocjax.store import provenance, write_json, write_table, write_text
+from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.qos import QosStudy, qos_study
 
 __all__ = ["main", "run", "text"]
@@ -112,7 +112,7 @@ def _ms(seconds: float) -> str:
 def _write(study: QosStudy, config: QosConfig, folder: Path) -> None:
     for name in ("results", "transport", "best"):
         write_table(folder / name, getattr(study, name))
-    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+    write_config(folder, config.model_dump())
     record = {
         "j_med": study.scale.median, "j_max": study.scale.largest, "seeds": [0, config.qos.seeds], "key": config.key,
         "network": config.build_topics().describe(), "path": dict(study.cells[0].runs.attrs),

@@ -15,7 +15,7 @@ from qocjax.pairs import closest_squared
 from qocjax.scenario import Design, Scenario
 from qocjax.unicycle import Command, Pose
 
-__all__ = ["QocScale", "Tally", "initial_norm", "qoc"]
+__all__ = ["QocScale", "Tally", "initial_norm", "qoc", "qoc_slope"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,12 @@ def qoc(auc: ArrayLike, scale: QocScale) -> Array | np.ndarray:
     """Q = 1 / (1 + min(J_max, J) / J_med), elementwise (paper, Eq. 18); NumPy in, NumPy out."""
     xp = jnp if isinstance(auc, jax.Array) else np
     return 1.0 / (1.0 + xp.minimum(xp.asarray(auc), scale.largest) / scale.median)
+
+
+def qoc_slope(auc: ArrayLike, scale: QocScale) -> np.ndarray:
+    """dQ/dJ (1/s), elementwise; 0 from J_max on, where Q is flat."""
+    score = qoc(np.asarray(auc), scale)
+    return np.where(np.asarray(auc) < scale.largest, -(score**2) / scale.median, 0.0)
 
 
 def initial_norm(scenario: Scenario, start: Array, goal: Array, origin: tuple[Array, Array]) -> Array:

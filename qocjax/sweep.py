@@ -11,7 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax._command import command, output_dir
@@ -21,7 +21,7 @@ from qocjax.figures.study import draw_study
 from qocjax.network.interface import Network
 from qocjax.scenario import Design, num_ticks
 from qocjax.simulate import Run
-from qocjax.store import provenance, write_json, write_table, write_text
+from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study import Study, replay, run_study
 
 __all__ = ["main", "policy_text", "run"]
@@ -111,7 +111,7 @@ def policy_text(policies: pd.DataFrame) -> str:
 def _write(study: Study, config: StudyConfig, network: Network, folder: Path) -> None:
     write_table(folder / "results", study.results)
     write_table(folder / "policies", study.policies)
-    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+    write_config(folder, config.model_dump())
     selection, evaluation = config.seeds()
     record = {
         "j_med": study.scale.median,

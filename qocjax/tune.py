@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax._command import command, output_dir
@@ -16,7 +16,7 @@ from qocjax.config import load
 from qocjax.config.tune import TuneConfig
 from qocjax.figures.save import save
 from qocjax.figures.tuning import tuning_map, tuning_progress
-from qocjax.store import provenance, write_json, write_table, write_text
+from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.tuning import Slopes, Tuning, tune
 
@@ -92,7 +92,7 @@ def design_text(tuning: Tuning) -> str:
 def _write(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
     write_table(folder / "designs", tuning.designs)
     write_table(folder / "trace", tuning.trace)
-    write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(config.model_dump())))
+    write_config(folder, config.model_dump())
     objective, chosen = tuning.problem.objective, tuning.chosen
     selection, evaluation = config.seeds()
     record = {

@@ -44,7 +44,7 @@ def qoc_figure(
     """Draws QoC and throughput of each profile on one channel (the paper's "QoC variation and throughput").
 
     Args:
-        best: profile, loss, burst, qoc, qoc_se: each profile at its best deadline.
+        best: profile, loss, burst, qoc, qoc_low, qoc_high: each profile at its best deadline.
         transport: profile, loss, burst, kbit_s, kbit_s_sd.
         loss: Of the channel.
         burst: Of the channel.
@@ -54,13 +54,13 @@ def qoc_figure(
     Raises:
         ValueError: A table lacks a column or the channel.
     """
-    _check(best, "best", ("qoc", "qoc_se"))
+    _check(best, "best", ("qoc", "qoc_low", "qoc_high"))
     _check(transport, "transport", ("kbit_s", "kbit_s_sd"))
     scores, sent = _at(best, loss, burst), _at(transport, loss, burst)
     with paper_style():
         figure = Figure(figsize=(width, height), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True)
-        _bars(left, scores["profile"], scores["qoc"], 1.96 * scores["qoc_se"], "{:.3f}")
+        _bars(left, scores["profile"], scores["qoc"], scores["qoc_high"] - scores["qoc"], "{:.3f}")
         left.set_xlabel("QoC at the best deadline, 95 % interval")
         _bars(right, sent["profile"], sent["kbit_s"], sent["kbit_s_sd"], "{:.0f}")
         right.set_xlabel("Throughput (kbit/s), standard deviation over seconds")

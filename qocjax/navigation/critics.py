@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from qocjax.navigation.local_path import LocalPath, MapCosts
+from qocjax.navigation.maps import INSCRIBED, LETHAL
 
 __all__ = [
     "COLLISION",
@@ -34,7 +35,7 @@ __all__ = [
 
 # A round robot whose centre is in a cell of at least this cost touches an obstacle (INSCRIBED_INFLATED_OBSTACLE in
 # Nav2). Cells unknown or outside the map (255) count likewise, as where Nav2 does not track unknown space.
-COLLISION = 253.0
+COLLISION = float(INSCRIBED)
 
 
 class Scene(NamedTuple):
@@ -197,7 +198,7 @@ class CostCritic:
         """Weighted mean of the points scored; the collision cost, weighted likewise, for rollouts that collide."""
         score = jnp.where(self.collides(total), self.collision_cost, total[0])
         points = -(-ends.steps // self.stride)
-        return (self.cost_weight / 254.0 / points * score) ** self.cost_power
+        return (self.cost_weight / LETHAL / points * score) ** self.cost_power
 
     def collides(self, total: tuple[Array, Array]) -> Array:
         """Which rollouts touch an obstacle, [K]."""

@@ -9,10 +9,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-__all__ = ["LocalPath", "MapCosts", "local_path"]
+from qocjax.navigation.grid import Grid
+from qocjax.navigation.maps import UNKNOWN
 
-# What lies outside the map (Nav2's NO_INFORMATION).
-NO_INFORMATION = 255.0
+__all__ = ["LocalPath", "MapCosts", "local_path"]
 
 
 @jax.tree_util.register_dataclass
@@ -29,15 +29,10 @@ class MapCosts:
     origin: tuple[float, float] = field(metadata={"static": True})  # m, the outer corner of cell [0, 0]
 
     def at(self, x: Array, y: Array) -> Array:
-        """Cost of the cells that hold the points, NO_INFORMATION outside the map."""
+        """Cost of the cells that hold the points, UNKNOWN outside the map."""
         rows, cols = self.cost.shape
-        scale = 1.0 / self.resolution
-        column = jnp.floor((x - self.origin[0]) * scale)
-        row = jnp.floor((y - self.origin[1]) * scale)
-        inside = (column >= 0) & (column < cols) & (row >= 0) & (row < rows)
-        index = jnp.where(inside, row * cols + column, 0.0).astype(jnp.int32)  # float32 is exact to 16 million cells
-        found = self.cost.reshape(-1).at[index].get(mode="promise_in_bounds")
-        return jnp.where(inside, found, jnp.asarray(NO_INFORMATION, found.dtype)).astype(x.dtype)
+        grid = Grid(self.resolution, self.origin, (rows, cols))
+        return grid.nearest(self.cost, x, y, float(UNKNOWN)).astype(x.dtype)
 
 
 class LocalPath(NamedTuple):

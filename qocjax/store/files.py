@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from omegaconf import OmegaConf
 
-__all__ = ["write_json", "write_table", "write_text", "written"]
+__all__ = ["write_config", "write_json", "write_table", "write_text", "written"]
 
 
 def written(path: Path, write: Callable[[Path], object]) -> Path:
@@ -37,6 +38,11 @@ def written(path: Path, write: Callable[[Path], object]) -> Path:
 def write_text(path: Path, text: str) -> Path:
     """Writes a text file."""
     return written(path, lambda file: file.write_text(text, encoding="utf-8"))
+
+
+def write_config(folder: Path, values: dict[str, Any]) -> Path:
+    """Writes all options of a run as `config.yaml`."""
+    return write_text(folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
 
 
 def write_json(path: Path, values: dict[str, Any]) -> Path:

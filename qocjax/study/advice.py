@@ -19,8 +19,9 @@ from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.margins import Bound, Margin, deadline_margin
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.policies import MIN_RELIABILITY
+from qocjax.study.search import stacked
 from qocjax.study.sensitivity import Box, elasticities, sobol
-from qocjax.study.shortlist import NAMES, Effort, along_deadlines, join, row, shortlist
+from qocjax.study.shortlist import NAMES, Effort, along_deadlines, row, shortlist
 from qocjax.study.slack import Asked, Slack, find_slack
 from qocjax.study.statistics import estimate, paired
 from qocjax.study.stress import largest_growth, of_runs, stress_table
@@ -130,7 +131,7 @@ def _judge(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The table of the three, and the finalists tied with the recommended, on fresh seeds."""
     middle = replace(current, deadline=float(np.asarray(finalists.deadline)[0]))
-    designs = join(finalists, middle, current)
+    designs = stacked([finalists, middle, current])
     runs = objective.runs(designs, seeds)
     scores = qoc_by_seed(runs, objective.scale)
     count = scores.shape[0] - 2
@@ -160,7 +161,7 @@ def _curves(
 ) -> tuple[pd.DataFrame, tuple[Margin, Margin]]:
     """QoC over the deadline for both gains, and the margin of each."""
     axis = np.union1d(axis, [float(np.asarray(best.deadline))])
-    designs = join(along_deadlines(best, axis), along_deadlines(current, axis))
+    designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
     scores = objective.scores(designs, seeds).reshape(2, axis.size, -1)
     table: dict[str, Any] = {"deadline": axis, "reliability": objective.network.reliability(axis)}
     for name, values in zip(("recommended", "current"), scores, strict=True):

@@ -149,7 +149,7 @@ def best_deadlines(results: pd.DataFrame, cells: list[Cell], scale: QocScale, ba
         score, gap = estimate(judged), paired(judged, found[at])
         deadline = float(cell.runs["deadline"].values[k])
         rows.append({"profile": cell.profile, "loss": cell.loss, "burst": cell.burst, "deadline": deadline,
-                     "qoc": score.mean, "qoc_se": score.se,
+                     "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
                      "difference": gap.mean, "difference_low": gap.low, "difference_high": gap.high,
                      "gain_percent": 100 * gap.mean / float(found[at].mean())})  # fmt: skip
     order = list(dict.fromkeys(results["profile"]))

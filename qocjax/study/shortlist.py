@@ -10,10 +10,11 @@ import numpy as np
 from qocjax import _checks
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
+from qocjax.study.search import stacked, take
 from qocjax.study.sensitivity import Box
 from qocjax.study.sweep import qoc_by_seed
 
-__all__ = ["NAMES", "Effort", "along_deadlines", "join", "row", "shortlist"]
+__all__ = ["NAMES", "Effort", "along_deadlines", "row", "shortlist"]
 
 NAMES = [item.name for item in fields(Design)]
 
@@ -40,7 +41,7 @@ def shortlist(objective: Objective, box: Box, axis: np.ndarray, limit: float, ef
     rng = np.random.default_rng(objective.key % 2**32)
     seeds = range(effort.rounds[0])
     unit = box.points(effort.points, rng)
-    pool = join(_crossed(box, unit, axis), along_deadlines(box.baseline, axis))
+    pool = stacked([_crossed(box, unit, axis), along_deadlines(box.baseline, axis)])
     score, share = _measure(objective, pool, seeds)
     elite = _order(score, share, limit)[: 2 * effort.finalists]
     # The second round: the smallest box that holds the best, widened, as it holds few of them.
@@ -48,11 +49,12 @@ def shortlist(objective: Objective, box: Box, axis: np.ndarray, limit: float, ef
     if len(inside):
         low, high = np.clip([inside.min(axis=0) - 0.05, inside.max(axis=0) + 0.05], 0.0, 1.0)
         nearby = np.unique(np.asarray(pool.deadline)[elite])
-        pool = join(_pick(pool, elite), _crossed(box, low + (high - low) * box.points(effort.points, rng), nearby))
+        again = _crossed(box, low + (high - low) * box.points(effort.points, rng), nearby)
+        pool = stacked([take(pool, elite), again])
         score, share = _measure(objective, pool, seeds)
     for k, count in enumerate(effort.rounds[1:], start=1):
         left = max(effort.finalists, score.size // 8 if k < len(effort.rounds) - 1 else effort.finalists)
-        pool = _pick(pool, _order(score, share, limit)[:left])
+        pool = take(pool, _order(score, share, limit)[:left])
         score, share = _measure(objective, pool, range(count))
     order = _order(score, share, limit)[: effort.finalists]
     if share[order[0]] > limit:
@@ -62,7 +64,7 @@ def shortlist(objective: Objective, box: Box, axis: np.ndarray, limit: float, ef
             f"max_collision_share: got {limit:g}, which no design that was tried keeps; the closest has "
             f"{share[order[0]]:.3g}, with {values}"
         )
-    return _pick(pool, order[share[order] <= limit])
+    return take(pool, order[share[order] <= limit])
 
 
 def _measure(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -85,15 +87,6 @@ def along_deadlines(current: Design, axis: np.ndarray) -> Design:
     """One design with every deadline (s)."""
     values = {name: np.full(axis.size, float(np.asarray(getattr(current, name)))) for name in NAMES}
     return Design(**values | {"deadline": axis})
-
-
-def join(*designs: Design) -> Design:
-    """Designs of several groups, one after the other."""
-    return Design(**{n: np.concatenate([np.atleast_1d(getattr(d, n)) for d in designs]) for n in NAMES})
-
-
-def _pick(designs: Design, index: np.ndarray) -> Design:
-    return Design(**{name: np.asarray(getattr(designs, name))[index] for name in NAMES})
 
 
 def row(designs: Design, index: int) -> Design:

@@ -21,7 +21,6 @@ class Judged:
 
     table: pd.DataFrame  # one row per design
     scores: np.ndarray  # [G, S] QoC
-    collided: np.ndarray  # [G, S]
 
 
 def stacked(designs: Sequence[Design]) -> Design:
@@ -65,7 +64,7 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: np.ndarray
         gaps = [problem.measure.difference(row, reference) for row in scores]
         table["difference"] = [gap.mean for gap in gaps]
         table["difference_low"], table["difference_high"] = [g.low for g in gaps], [g.high for g in gaps]
-    return Judged(table, scores, collided)
+    return Judged(table, scores)
 
 
 def tie_set(problem: Problem, judged: Judged, chosen: int) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from qocjax.batch import gradient
 from qocjax.network.demand import Traffic
+from qocjax.quality import qoc_slope
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
 from qocjax.study.search.limits import Limits
@@ -124,9 +125,8 @@ class Trial:
         found = gradient(goal.scenario, designs, goal.network, seeds, names, mode="forward", rules=goal.rules,
                          key=goal.key)  # fmt: skip
         auc = found["auc"].values.astype(np.float64)
-        inner = np.where(auc < goal.scale.largest, -1 / goal.scale.median / (1 + auc / goal.scale.median) ** 2, 0.0)
         by_value = np.stack([found[f"d_auc_{name}"].values.astype(np.float64) for name in names], axis=-1)
-        return inner[..., None] * by_value * self.problem.space.slopes(units)[:, None, :]
+        return qoc_slope(auc, goal.scale)[..., None] * by_value * self.problem.space.slopes(units)[:, None, :]
 
     def best(self, count: int) -> list[Known]:
         """The points of the greatest merit, best first."""

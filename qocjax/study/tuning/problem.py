@@ -14,7 +14,7 @@ from jax import Array
 from qocjax.batch.evaluate import run_grid
 from qocjax.batch.runner import metrics
 from qocjax.closed_loop import Plan
-from qocjax.quality import qoc
+from qocjax.quality import qoc, qoc_slope
 from qocjax.scenario import Design, Scenario
 from qocjax.study.objective import Objective
 from qocjax.study.tuning.bounds import Bounds
@@ -74,9 +74,8 @@ class Problem:
         scale = self.objective.scale
         auc = runs["auc"].values.astype(np.float64)  # [G, S, N]
         score = np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc), scale))
-        fall = np.where(auc > scale.largest, 0.0, -(score**2) / scale.median)  # dQ/dJ; flat beyond J_max
         slopes = np.stack([runs[f"d_auc_{name}"].values.astype(np.float64) for name in self.bounds.names], axis=-1)
-        by_run = (fall[..., None] * slopes).mean(axis=2)
+        by_run = (qoc_slope(auc, scale)[..., None] * slopes).mean(axis=2)
         return score.mean(axis=-1), by_run * self.bounds.slopes(free)[:, None, :]
 
 
