@@ -143,7 +143,7 @@ def test_command_line_writes_what_the_network_reads(folder: Path, tmp_path: Path
     place = tmp_path / "out" / "runs" / "delay_300_1"
     assert {path.name for path in place.glob("*.png")} == {"delays.png", "trajectories.png"}
     reliability = pd.read_csv(place / "reliability_a.csv").set_index("deadline")["reliability"]
-    assert reliability[0.25] == 0.0 and reliability[0.35] == 1.0
+    assert reliability[0.25] == 0.0 and reliability[0.3] == 1.0 and reliability[0.35] == 1.0
     done = command("qocjax.ingest", f"path={tmp_path / 'missing'}")
     assert done.returncode == 2
     assert done.stderr.strip() == (
@@ -256,4 +256,4 @@ def test_plain_twists_have_no_loop_time(composer: None, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", [(0.1 * k, "/cmd_vel", TWIST, speeds(0.1, 0.0)) for k in range(20)])
     (only,) = ingest(bag, "figures=false").runs
     assert only.loops == {} and only.quality is None
-    assert Path(bag).is_dir() and "robot" in only.commands
+    assert "robot" in only.commands

@@ -7,12 +7,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
+from qocjax.network.completion import completes
 from qocjax.quality import QocScale, qoc
 from qocjax.recorded.findings import CAUSES
 from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
+from qocjax.study.statistics import estimate
 
 __all__ = ["findings_table", "group_table", "reliability_table", "robot_table", "run_table", "scale_of"]
 
@@ -86,8 +87,8 @@ def group_table(table: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
             values = pd.to_numeric(group[name]).replace([np.inf, -np.inf], np.nan).dropna().to_numpy()
             row[name] = values.mean() if values.size else np.nan
             if values.size > 1:
-                half = stats.sem(values) * stats.t.ppf(0.975, values.size - 1)
-                row |= {f"{name}_low": row[name] - half, f"{name}_high": row[name] + half}
+                found = estimate(values)
+                row |= {f"{name}_low": found.low, f"{name}_high": found.high}
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -97,7 +98,7 @@ def reliability_table(trace: LoopTrace, deadlines_ms: Sequence[float]) -> pd.Dat
     loop = trace.table["loop_time"].to_numpy()
     rows = []
     for deadline in deadlines_ms:
-        completed = loop <= deadline / 1e3
+        completed = completes(loop, deadline / 1e3)
         rows.append(
             {"deadline": deadline / 1e3, "reliability": completed.mean(), "longest_miss_run": _longest(~completed)}
         )

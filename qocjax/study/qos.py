@@ -22,9 +22,9 @@ from qocjax.study.statistics import estimate, paired
 from qocjax.study.sweep import qoc_by_seed
 from qocjax.study.transport import bursty_loss, run_transport, traffic_row, transport_row
 
-__all__ = ["Cell", "QosStudy", "best_deadlines", "qos_study"]
+__all__ = ["Cell", "QosStudy", "qos_study"]
 
-_METRICS = ("auc", "age_mean", "age_peak", "completed_share", "min_distance", "path_length")
+_METRICS = ("auc", "age_mean", "age_peak", "completed_share", "min_distance")
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def qos_study(
             rows.append(place | transport_row(sent, tau) | traffic_row(sent, carrier or Carrier()))
     scale = scale or QocScale.of(np.concatenate([cell.runs["auc"].values.ravel() for cell in cells]))
     results = _results(cells, np.asarray(deadlines, float), scale, next(iter(profiles)))
-    best = best_deadlines(results, cells, scale, next(iter(profiles)))
+    best = _best_deadlines(cells, scale, next(iter(profiles)))
     return QosStudy(results, pd.DataFrame(rows), best, scale, cells)
 
 
@@ -119,7 +119,7 @@ def _results(cells: list[Cell], deadlines: np.ndarray, scale: QocScale, baseline
                    "miss_share": missed, "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low,
                    "qoc_high": score.high, "difference": gap.mean, "difference_low": gap.low,
                    "difference_high": gap.high, "gain_percent": 100 * gap.mean / float(others[k].mean())}  # fmt: skip
-            for name in _METRICS[:-1]:
+            for name in _METRICS:
                 values = cell.runs[name].values[k].astype(float)
                 row[name] = float(values.mean())
             row["collision_share"] = float(cell.runs["collided"].values[k].mean())
@@ -127,14 +127,13 @@ def _results(cells: list[Cell], deadlines: np.ndarray, scale: QocScale, baseline
     return pd.DataFrame(rows)
 
 
-def best_deadlines(results: pd.DataFrame, cells: list[Cell], scale: QocScale, baseline: str) -> pd.DataFrame:
+def _best_deadlines(cells: list[Cell], scale: QocScale, baseline: str) -> pd.DataFrame:
     """Each profile at the deadline of its best QoC, compared with the baseline at its own.
 
     Deadlines are chosen on every other seed and judged on those between: a maximum of noisy scores flatters itself.
 
     Args:
-        results: As of `QosStudy`.
-        cells: The same.
+        cells: As of `QosStudy`.
         scale: J_med and J_max.
         baseline: Profile to compare with.
     """
@@ -152,7 +151,7 @@ def best_deadlines(results: pd.DataFrame, cells: list[Cell], scale: QocScale, ba
                      "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
                      "difference": gap.mean, "difference_low": gap.low, "difference_high": gap.high,
                      "gain_percent": 100 * gap.mean / float(found[at].mean())})  # fmt: skip
-    order = list(dict.fromkeys(results["profile"]))
+    order = list(dict.fromkeys(cell.profile for cell in cells))
     table = pd.DataFrame(rows)
     return table.sort_values(
         ["burst", "loss", "profile"], key=lambda c: c.map(order.index) if c.name == "profile" else c

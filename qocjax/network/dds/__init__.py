@@ -7,8 +7,8 @@
 """
 
 from qocjax.network.dds.dds_network import DdsNetwork, Loops
-from qocjax.network.dds.profile import RELIABILITIES, Profile
+from qocjax.network.dds.profile import Profile
 from qocjax.network.dds.statistics import loop_statistics
 from qocjax.network.dds.transport import Topic, Traffic, per_second
 
-__all__ = ["RELIABILITIES", "DdsNetwork", "Loops", "Profile", "Topic", "Traffic", "loop_statistics", "per_second"]
+__all__ = ["DdsNetwork", "Loops", "Profile", "Topic", "Traffic", "loop_statistics", "per_second"]

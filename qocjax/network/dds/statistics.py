@@ -5,24 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from qocjax.network.completion import completes
-
 __all__ = ["command_ages", "loop_statistics", "miss_runs"]
 
 _LEVELS = {"p50": 0.5, "p95": 0.95, "p99": 0.99}
 
 
-def loop_statistics(loop_times: ArrayLike, tau: float, deadline: float | None = None) -> dict[str, float]:
+def loop_statistics(loop_times: ArrayLike, tau: float) -> dict[str, float]:
     """Says how loops went.
 
     Args:
         loop_times: [..., P] T_net (s) in the order in which loops start, inf where lost.
         tau: Time between two loops (s).
-        deadline: Where given, the share of loops that miss it and their mean run are told too (s).
 
     Returns:
         `lost`: share of loops that never complete; `p50`, `p95`, `p99` of those that do (s); `age_mean`, `age_p99`: age
-        of the newest command at the sampling instants, from the first command on (s); `miss`, `miss_run`.
+        of the newest command at the sampling instants, from the first command on (s).
     """
     times = np.asarray(loop_times, np.float64)
     rows = times.reshape(-1, times.shape[-1])
@@ -33,9 +30,6 @@ def loop_statistics(loop_times: ArrayLike, tau: float, deadline: float | None = 
     seen = ages[np.isfinite(ages)]
     found |= {"age_mean": float(seen.mean()) if seen.size else np.inf}
     found |= {"age_p99": float(np.quantile(seen, 0.99)) if seen.size else np.inf}
-    if deadline is not None:
-        missed = ~np.asarray(completes(rows, deadline))
-        found |= {"miss": float(missed.mean()), "miss_run": miss_runs(missed)}
     return found
 
 
