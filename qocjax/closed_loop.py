@@ -6,7 +6,7 @@ once for both; how a batch is laid out is the business of `qocjax.batch`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from qocjax._math import AngleMath
-from qocjax.controllers import apf
+from qocjax.controllers import Apf, Controller, Sight, Task
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
 from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
 from qocjax.quality import Tally
@@ -22,7 +22,7 @@ from qocjax.reference import reference_path
 from qocjax.scenario import CONTINUOUS, Design, Scenario
 from qocjax.unicycle import Command, Pose, arc, pose_from
 
-__all__ = ["Plan", "Recorded", "run_closed_loop"]
+__all__ = ["Outcome", "Plan", "Recorded", "run_closed_loop"]
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class Plan:
             deadline).
         record: Whether poses and commands of every tick are returned.
         lag: Whole sampling periods of the deadline; read where there is no buffer.
+        controller: What computes the commands.
     """
 
     rules: Rules
@@ -45,6 +46,7 @@ class Plan:
     mid_tick: bool | None
     record: bool = False
     lag: int = 0
+    controller: Controller = field(default_factory=Apf)
 
 
 class Recorded(NamedTuple):
@@ -53,6 +55,16 @@ class Recorded(NamedTuple):
     pose: Pose  # each field [P+1, N, *B]
     command: Command  # each field [P, N, *B], in force at t_p after what takes effect at t_p
     reference: tuple[Array, Array]  # each [P+1, 1 or N, *B]
+    view: Any  # what the controller records of each instant; leaves [P, ...]
+
+
+class Outcome(NamedTuple):
+    """What a batch of runs came to."""
+
+    tally: Tally  # totals
+    network: Schedule  # what the network gave
+    report: dict[str, Array]  # the controller's numbers, each [N, *B]
+    recorded: Recorded | None  # if the plan asks for it
 
 
 @jax.tree_util.register_dataclass
@@ -64,6 +76,7 @@ class _State:
     applied: Command  # the command in force, before any hold gain
     error: tuple[Array, Array]  # disagreement delta at t_p
     tally: Tally
+    memory: Any  # the controller's
 
 
 class _Row(NamedTuple):
@@ -77,8 +90,8 @@ class _Row(NamedTuple):
 
 
 def run_closed_loop(
-    scenario: Scenario, design: Design, start: Array, loop_times: Array, plan: Plan
-) -> tuple[Tally, Schedule, Recorded | None]:
+    scenario: Scenario, design: Design, start: Array, loop_times: Array, plan: Plan, keys: Array | None = None
+) -> Outcome:
     """Simulates a batch of runs.
 
     Args:
@@ -87,9 +100,7 @@ def run_closed_loop(
         start: [N, 3, *B] start poses, broadcastable to the batch.
         loop_times: [P, N, *B'] T_net (s), broadcastable to the batch.
         plan: What the loop is specialised for.
-
-    Returns:
-        The totals of each run, the schedule that the network gave, and the trajectory if the plan asks for it.
+        keys: [*B, 2] words of a random key for each run, for controllers that draw.
     """
     loop_times = _whole_blocks(loop_times, plan)
     tau, deadline = jnp.asarray(design.tau), jnp.asarray(design.deadline)
@@ -110,18 +121,21 @@ def run_closed_loop(
 
     pose = jax.tree.map(lambda a: jnp.broadcast_to(a, _batch_shape(start, loop_times, design)), pose_from(start))
     still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
-    state = _State(pose, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose))
-    tick = _Tick(scenario, design, (goal[:, 0], goal[:, 1]), rest, mid_tick, plan)
+    task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots)
+    memory = plan.controller.begin(task, pose, keys)
+    state = _State(pose, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
+    tick = _Tick(scenario, task, mid_tick, plan)
     loop = Loop(tick.sample, tick.act, still)
     if plan.slots == 0:
         state, recorded = in_blocks(loop, state, rows, plan.lag), None
     else:
         state, recorded = through_buffer(loop, state, rows, network.source, lag, plan.rules, plan.slots)
-    tally = state.tally.at_instant(num_ticks, state.pose, tick.goal, design)
+    tally = state.tally.at_instant(num_ticks, state.pose, task.goal, design)
+    report = plan.controller.report(state.memory)
     if recorded is None:
-        return tally, network, None
+        return Outcome(tally, network, report, None)
     poses = jax.tree.map(lambda each, last: jnp.concatenate([each, last[None]]), recorded[0], state.pose)
-    return tally, network, Recorded(poses, recorded[1], path)
+    return Outcome(tally, network, report, Recorded(poses, recorded[1], path, recorded[2]))
 
 
 @dataclass(frozen=True)
@@ -129,20 +143,22 @@ class _Tick:
     """One sampling period in two halves: sample and compute; let a command take effect and move."""
 
     scenario: Scenario
-    design: Design
-    goal: tuple[Array, Array]
-    rest: Array  # from t_p to when commands take effect, where they do so between sampling instants (s)
+    task: Task
     mid_tick: bool | Array
     plan: Plan
 
-    def sample(self, state: _State, row: _Row) -> tuple[_State, Command]:
+    def sample(self, state: _State, row: _Row) -> tuple[_State, Command, Any]:
         """Reads the poses at t_p and computes the new command."""
-        tally = state.tally.at_instant(row.tick, state.pose, self.goal, self.design)
-        command = apf(state.pose, row.network.age, self.goal, self.design, self.plan.math)
-        return _State(state.pose, state.applied, state.error, tally), command
+        tally = state.tally.at_instant(row.tick, state.pose, self.task.goal, self.task.design)
+        sight = Sight(row.tick, state.pose, row.network.age)
+        memory, command, view = self.plan.controller.command(self.task, state.memory, sight)
+        return replace(state, tally=tally, memory=memory), command, view
 
     def act(self, state: _State, row: _Row, due: Command) -> tuple[_State, Any]:
-        """The due command takes effect if its loop completed; the robots move, in two pieces where that is between."""
+        """The due command takes effect if its loop completed; the robots move, in two pieces where that is between.
+
+        That is at t_p + rest, where the deadline is no multiple of tau.
+        """
         net = row.network
         if row.reference_mid is None:
             applied = _choose(net.fresh, due, state.applied)
@@ -151,7 +167,7 @@ class _Tick:
         else:
             applied = _choose(net.fresh & jnp.logical_not(self.mid_tick), due, state.applied)
             first = applied.scaled(net.gain_start)
-            h = jnp.minimum(self.rest, row.length)
+            h = jnp.minimum(self.task.rest, row.length)
             halfway = self._move(state, applied, first, h, row.reference_mid)
             applied = _choose(net.fresh & self.mid_tick, due, applied)
             moved = self._move(halfway, applied, applied.scaled(net.gain_mid), row.length - h, row.reference_end)
@@ -164,7 +180,7 @@ class _Tick:
         pose = arc(state.pose, command, h, self.plan.math)
         error = (pose.x - reference[0], pose.y - reference[1])
         tally = state.tally.over_piece(self.scenario, (state.error, error), (state.pose, pose), command, h)
-        return _State(pose, applied, error, tally)
+        return replace(state, pose=pose, applied=applied, error=error, tally=tally)
 
 
 def _whole_blocks(loop_times: Array, plan: Plan) -> Array:

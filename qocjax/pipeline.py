@@ -29,12 +29,14 @@ class Loop:
     """The two halves of a tick, in any state.
 
     Attributes:
-        sample: (state, row) -> (state, command): what happens at t_p up to the new command.
-        act: (state, row, due command) -> (state, report): the due command takes effect, the robots move.
+        sample: (state, row) -> (state, command, view): what happens at t_p up to the new command, and what may be
+            recorded of it.
+        act: (state, row, due command) -> (state, report): the due command takes effect, the robots move; a report of
+            None records nothing.
         still: A command [N, *B] of zeros, for before the first.
     """
 
-    sample: Callable[[Any, Any], tuple[Any, Command]]
+    sample: Callable[[Any, Any], tuple[Any, Command, Any]]
     act: Callable[[Any, Any, Command], tuple[Any, Any]]
     still: Command
 
@@ -54,7 +56,7 @@ def through_buffer(
         slots: Capacity, at least lag + 1, and one more for `arrival`.
 
     Returns:
-        The state at the end, and the reports of all ticks.
+        The state at the end, and the reports of all ticks with their views.
     """
     in_use = jnp.minimum(lag + 1 + (rules.actuation == "arrival"), slots)
     buffer = jax.tree.map(lambda a: jnp.zeros((slots, *a.shape), a.dtype), loop.still)
@@ -74,10 +76,10 @@ def through_buffer(
 
     def step(carry: tuple[Any, Command], inputs: tuple[Array, Array, Any]) -> tuple[tuple[Any, Command], Any]:
         (state, buffer), (tick, newest, row) = carry, inputs
-        state, command = loop.sample(state, row)
+        state, command, view = loop.sample(state, row)
         buffer, due = exchange(buffer, command, tick, newest)
         state, report = loop.act(state, row, due)
-        return (state, buffer), report
+        return (state, buffer), None if report is None else (*report, view)
 
     ticks = jnp.arange(source.shape[0], dtype=jnp.int32)
     (state, _), reports = lax.scan(step, (state, buffer), (ticks, source, rows))
@@ -99,7 +101,7 @@ def in_blocks(loop: Loop, state: Any, rows: Any, lag: int) -> Any:
 
     def tick(state: Any, inputs: tuple[Any, Command | None]) -> tuple[Any, Command | None]:
         row, due = inputs
-        state, command = loop.sample(state, row)
+        state, command, _ = loop.sample(state, row)
         state, _ = loop.act(state, row, command if due is None else due)
         return state, None if due is None else command
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from jax.typing import ArrayLike
 from qocjax import _checks
 from qocjax._math import EXACT
 from qocjax.closed_loop import Plan, run_closed_loop
+from qocjax.controllers import Apf, Controller
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
@@ -46,6 +48,8 @@ class Run:
     d_safe: Array  # m
     deadline: Array  # s
     robot_radius: Array  # m
+    report: dict[str, Array]  # the controller's own numbers, each [N]
+    view: Any  # what the controller records of each instant; leaves [P, ...]
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per instant and robot: time, robot, x, y, heading, nu, omega, age (NaN at the last instant)."""
@@ -70,6 +74,8 @@ def simulate(
     *,
     hold_timeout: float = 0.5,
     hold_decay: float = 0.5,
+    controller: Controller | None = None,
+    key: Array | None = None,
 ) -> Run:
     """Simulates one run from given loop times.
 
@@ -85,6 +91,8 @@ def simulate(
         hold: `hold`, `zero`, `timeout` or `decay` (model, section 4).
         hold_timeout: For `timeout` (s).
         hold_decay: For `decay` (s).
+        controller: What computes the commands, by default the surrogate law.
+        key: Random key, for a controller that draws; `jax.random.key(0)` by default.
 
     Returns:
         Trajectory and metrics.
@@ -101,8 +109,11 @@ def simulate(
             raise ValueError(f"{name}: got shape {np.shape(getattr(design, name))}, expected one number")
     times = _checked_loop_times(scenario, design, loop_times)
     check_start(scenario, scenario.start)
+    controller = controller or Apf()
+    controller.check(scenario, design, scenario.start, actuation)
     mid_tick, slots = _timing(design, times.shape[0], rules)
-    return _simulate(scenario, design, times, Plan(rules, EXACT, slots, mid_tick, record=True))
+    plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
+    return _simulate(scenario, design, times, jax.random.key(0) if key is None else key, plan)
 
 
 def check_start(scenario: Scenario, start: ArrayLike) -> None:
@@ -164,9 +175,10 @@ def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]
 
 
 @partial(jax.jit, static_argnames="plan")
-def _simulate(scenario: Scenario, design: Design, loop_times: Array, plan: Plan) -> Run:
+def _simulate(scenario: Scenario, design: Design, loop_times: Array, key: Array, plan: Plan) -> Run:
     start = jnp.asarray(scenario.start, loop_times.dtype)
-    tally, network, recorded = run_closed_loop(scenario, design, start, loop_times, plan)
+    words = jax.random.key_data(key)
+    tally, network, report, recorded = run_closed_loop(scenario, design, start, loop_times, plan, words)
     assert recorded is not None  # the plan records; for the type checker
     goal = jnp.broadcast_to(jnp.asarray(scenario.goal), (start.shape[0], 2))
     norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))
@@ -194,4 +206,6 @@ def _simulate(scenario: Scenario, design: Design, loop_times: Array, plan: Plan)
         d_safe=jnp.asarray(design.d_safe),
         deadline=jnp.asarray(design.deadline),
         robot_radius=jnp.asarray(scenario.robot_radius),
+        report=report,
+        view=recorded.view,
     )

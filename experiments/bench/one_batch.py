@@ -105,7 +105,7 @@ def _arguments(batch: OneBatch) -> tuple[tuple, Any]:
     scenario = Scenario(horizon=batch.ticks * TAU)
     first = jnp.asarray(scenario.start, jnp.result_type(float))
     drawn = draw_seeds(first, scenario.start_jitter, NETWORK, np.arange(batch.seeds), 0, batch.ticks, TAU)
-    start, times = (np.moveaxis(np.asarray(each, np.float32), 0, -1) for each in drawn)
+    start, times = (np.moveaxis(np.asarray(each, np.float32), 0, -1) for each in drawn[:2])
     values = {name: value.astype(np.float32) for name, value in drawn_designs(batch.designs).items()}
     if batch.layout == "seeds last":
         start, times = start[:, :, None], times[:, :, None]
@@ -131,7 +131,7 @@ def _totals(scenario: Any, design: Any, start: Any, loop_times: Any, plan: Any) 
     """All that is summed up over a run; the function that is compiled."""
     from qocjax.closed_loop import run_closed_loop
 
-    tally, network, _ = run_closed_loop(scenario, design, start, loop_times, plan)
+    tally, network, *_ = run_closed_loop(scenario, design, start, loop_times, plan)
     return tally, network.age.mean(), network.completed.mean()
 
 

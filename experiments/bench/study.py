@@ -92,7 +92,7 @@ def work_of(study: Study) -> Work:
     scenario, designs = study.scenario, study.designs
     start = jnp.asarray(scenario.start, jnp.result_type(float))
     ticks = num_ticks(scenario.horizon, TAU)
-    starts, times = draw_seeds(start, scenario.start_jitter, NETWORK, np.array(study.seeds), 0, ticks, TAU)
+    starts, times, _ = draw_seeds(start, scenario.start_jitter, NETWORK, np.array(study.seeds), 0, ticks, TAU)
     g, s = (a.ravel() for a in np.indices((np.size(designs.deadline), len(study.seeds))))
     lanes = {name: np.asarray(getattr(designs, name))[g] for name in (*DESIGN, "deadline")}
     return Work(

@@ -17,6 +17,7 @@ from qocjax import _checks
 from qocjax.batch.layout import Batch, batches_of, groups_of
 from qocjax.batch.runner import Measure, Runner, metrics
 from qocjax.batch.xla import num_workers
+from qocjax.controllers import Apf, Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, check_tau
@@ -27,9 +28,13 @@ __all__ = ["MAX_RUNS", "UNITS", "evaluate", "run_grid"]
 # Runs of one batch with two robots: what is carried stays in the innermost caches on CPUs, and fills a GPU.
 MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
 
+# Likewise where each command takes long: enough to share a schedule, and few enough to be spread over the cores.
+COSTLY_RUNS = {"cpu": 8, "gpu": 1 << 10, "tpu": 1 << 10}
+
 UNITS = {
     "auc": "s", "path_length": "m", "effort": "(m/s)^2 s + (rad/s)^2 s", "arrival_time": "s", "min_distance": "m",
     "collided": "1", "completed_share": "1", "age_mean": "s", "age_peak": "s",
+    "no_path_share": "1", "blocked_share": "1",
     "v_max": "m/s", "omega_max": "rad/s", "eta": "1", "kappa": "1/s", "gamma": "1/s", "c_miss": "m/s", "d_safe": "m",
     "tau": "s", "deadline": "s",
 }  # fmt: skip
@@ -46,6 +51,7 @@ def evaluate(
     dtype: DTypeLike = jnp.float32,
     max_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
+    controller: Controller | None = None,
 ) -> xr.Dataset:
     """Simulates every design with every seed; designs of the same tau share their loop times.
 
@@ -61,20 +67,24 @@ def evaluate(
         max_runs: Runs of one batch with two robots; by default what suits the device. Results do not depend on it,
             up to rounding.
         progress: Called with the number of robot-steps done, after each batch.
+        controller: What computes the commands, by default the surrogate law.
 
     Returns:
         Metrics over (design, seed, robot) or (design, seed), with units as attributes: auc, path_length, effort,
-        arrival_time, min_distance, collided, completed_share, age_mean, age_peak. The attribute `math` says which
-        functions of angles ran.
+        arrival_time, min_distance, collided, completed_share, age_mean, age_peak, and what the controller reports. The
+        attribute `math` says which functions of angles ran.
 
     Raises:
         TypeError: A seed is no whole number.
-        ValueError: No design, no seed, a tau above the horizon, or a start on the reference.
+        ValueError: No design, no seed, a tau above the horizon, a start on the reference, or what the controller
+            refuses.
     """
-    limit = MAX_RUNS.get(jax.default_backend(), 512) if max_runs is None else _checks.count("max_runs", max_runs)
+    controller = controller or Apf()
+    most = (COSTLY_RUNS if controller.costly else MAX_RUNS).get(jax.default_backend(), 512)
+    limit = most if max_runs is None else _checks.count("max_runs", max_runs)
     return run_grid(
         scenario, designs, network, seeds, metrics,
-        rules=rules or Rules(), key=key, dtype=dtype, max_runs=limit, progress=progress,
+        rules=rules or Rules(), key=key, dtype=dtype, max_runs=limit, progress=progress, controller=controller,
     )  # fmt: skip
 
 
@@ -91,6 +101,7 @@ def run_grid(
     max_runs: int,
     progress: Callable[[int], None] | None = None,
     in_blocks: bool = False,
+    controller: Controller | None = None,
 ) -> xr.Dataset:
     """Takes a measure of every design with every seed; see `evaluate` for the arguments.
 
@@ -105,11 +116,14 @@ def run_grid(
         raise ValueError(f"key: got {key}, expected a whole number of 32 bits")
     width = _checked_dtype(dtype)
     check_start(scenario, scenario.start)
-    runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks)
-    runs_each = scenario.num_robots * len(numbers)
-    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, runs_each, general=not in_blocks)
+    controller = controller or Apf()
+    controller.check(scenario, Design(**grid), scenario.start, rules.actuation)
+    runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks, controller)
+    runs_each, general = scenario.num_robots * len(numbers), not (in_blocks or controller.costly)
+    groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, runs_each, general)
+    batches = batches_of(groups, len(numbers), scenario.num_robots, max_runs, snug=controller.costly)
     results: dict[str, np.ndarray] = {}
-    for batch, found in _in_parallel(runner.run, batches_of(groups, len(numbers), scenario.num_robots, max_runs)):
+    for batch, found in _in_parallel(runner.run, batches):
         _put(results, (len(grid["tau"]), len(numbers)), batch, found)
         if progress is not None:
             progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)

@@ -13,7 +13,7 @@ from jax.typing import DTypeLike
 
 from qocjax import _checks
 from qocjax.batch.evaluate import run_grid
-from qocjax.batch.runner import metrics
+from qocjax.batch.runner import Drawn, metrics
 from qocjax.closed_loop import Plan
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
@@ -90,9 +90,10 @@ class _AucGradient:
     mode: str
 
     def __call__(
-        self, scenario: Scenario, design: Design, start: Array, loop_times: Array, ticks: Array, plan: Plan
+        self, scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan
     ) -> dict[str, Array]:
         """The measure; one copy of each value per run makes the derivatives those of single runs."""
+        start = drawn.start
         shape = (jnp.shape(design.kappa)[1], start.shape[-1])
         values = {name: jnp.broadcast_to(getattr(design, name), (1, *shape)) for name in self.names}
         if self.mode == "reverse":  # spread, all values are read alike: XLA's backward loop is twice as fast
@@ -102,7 +103,7 @@ class _AucGradient:
         def auc(values: dict[str, Array]) -> Array:
             # Spread over robots ahead of the loop, so that their derivatives are summed once and not in each tick.
             spread = {name: _spread(value, name, start.shape[0], shape) for name, value in values.items()}
-            measured = metrics(scenario, replace(design, **spread), start, loop_times, ticks, plan)
+            measured = metrics(scenario, replace(design, **spread), drawn, ticks, plan)
             return jnp.mean(measured["auc"], axis=0)
 
         if self.mode == "reverse":

@@ -109,7 +109,9 @@ def general_length(ticks: int) -> int:
     return 2048 * _next_power(-(-ticks // 2048), 2)
 
 
-def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: int) -> Iterator[Batch]:
+def batches_of(
+    groups: list[Group], num_seeds: int, num_robots: int, max_runs: int, snug: bool = False
+) -> Iterator[Batch]:
     """Cuts groups into batches of about `max_runs` runs, those that share loop times one after the other.
 
     Args:
@@ -117,6 +119,7 @@ def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: i
         num_seeds: S.
         num_robots: N; a batch holds fewer runs where each has more robots.
         max_runs: Runs of a batch with two robots.
+        snug: Whether batches are made as small as their designs allow, at the price of more programs.
     """
     lanes = min(num_seeds, _LANES, max(1, max_runs))
     most_rows = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
@@ -124,10 +127,11 @@ def batches_of(groups: list[Group], num_seeds: int, num_robots: int, max_runs: i
         for first in range(0, num_seeds, lanes):
             seeds, real_seeds = _filled(np.arange(first, min(first + lanes, num_seeds)), lanes)
             for group in (g for g in groups if g.tau == tau):
-                rows = _rows(len(group.designs), most_rows, group.general)
-                for start in range(0, len(group.designs), rows):
-                    designs, real_designs = _filled(group.designs[start : start + rows], rows)
-                    yield Batch(group, designs, seeds, real_designs, real_seeds)
+                designs = len(group.designs)
+                rows = min(designs, most_rows) if snug else _rows(designs, most_rows, group.general)
+                for start in range(0, designs, rows):
+                    chosen, real_designs = _filled(group.designs[start : start + rows], rows)
+                    yield Batch(group, chosen, seeds, real_designs, real_seeds)
 
 
 def _rows(num_designs: int, most: int, general: bool) -> int:

@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.typing import ArrayLike
 
 from qocjax._math import AngleMath
+from qocjax.controllers.interface import Sight, Task
 from qocjax.pairs import pair_forces
-from qocjax.scenario import Design
+from qocjax.scenario import Design, Scenario
 from qocjax.unicycle import Command, Pose
 
-__all__ = ["MIN_DISTANCE", "apf"]
+__all__ = ["MIN_DISTANCE", "Apf", "apf"]
 
 # Floor of d_ij, so that coincident robots give finite numbers (m).
 MIN_DISTANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Apf:
+    """The surrogate law as a controller: it remembers nothing, and all its parameters are the design's."""
+
+    costly = False
+
+    def check(self, scenario: Scenario, designs: Design, start: ArrayLike, actuation: str) -> None:
+        """It can do everything."""
+
+    def begin(self, task: Task, pose: Pose, keys: Array | None) -> tuple[()]:
+        """Nothing."""
+        return ()
+
+    def command(self, task: Task, memory: tuple[()], sight: Sight) -> tuple[tuple[()], Command, tuple[()]]:
+        """The law at one sampling instant."""
+        return (), apf(sight.pose, sight.age, task.goal, task.design, task.math), ()
+
+    def report(self, memory: tuple[()]) -> dict[str, Array]:
+        """Nothing beside the metrics."""
+        return {}
 
 
 def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math: AngleMath) -> Command:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from qocjax import _checks
 from qocjax.batch.runner import draw_seeds
+from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
@@ -18,7 +20,14 @@ __all__ = ["replay"]
 
 
 def replay(
-    scenario: Scenario, design: Design, network: Network, seed: int, *, rules: Rules | None = None, key: int = 0
+    scenario: Scenario,
+    design: Design,
+    network: Network,
+    seed: int,
+    *,
+    rules: Rules | None = None,
+    key: int = 0,
+    controller: Controller | None = None,
 ) -> Run:
     """Simulates one design with one seed of an evaluation: the same start and the same loop times.
 
@@ -29,11 +38,12 @@ def replay(
         seed: The Monte Carlo seed.
         rules: As of the evaluation.
         key: As of the evaluation.
+        controller: As of the evaluation.
     """
     rules = rules or Rules()
     _checks.counts("seed", [seed])
     tau = float(np.asarray(_checks.bounded("tau", design.tau, above=0, most=scenario.horizon, shape=())))
-    start, times = draw_seeds(
+    start, times, keys = draw_seeds(
         jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
         num_ticks(scenario.horizon, tau), tau,
     )  # fmt: skip
@@ -45,4 +55,6 @@ def replay(
         rules.hold,
         hold_timeout=rules.hold_timeout,
         hold_decay=rules.hold_decay,
+        controller=controller,
+        key=jax.random.wrap_key_data(keys[0]),
     )

@@ -1,0 +1,80 @@
+"""What a controller is: it computes the command of each robot from what is known at a sampling instant."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from jax import Array
+from jax.typing import ArrayLike
+
+from qocjax._math import AngleMath
+from qocjax.scenario import Design, Scenario
+from qocjax.unicycle import Command, Pose
+
+__all__ = ["Controller", "Sight", "Task"]
+
+
+class Task(NamedTuple):
+    """What does not change over a run; `*B` is the batch."""
+
+    goal: tuple[Array, Array]  # the coordinates of p*, each broadcastable to [N, *B] (m)
+    design: Design  # values broadcastable to [N, *B]; tau and deadline are scalars
+    math: AngleMath
+    ticks: int  # P
+    lag: Array  # whole sampling periods of the deadline
+    rest: Array  # of the deadline (s)
+    slots: int  # most commands that are under way at once
+
+
+class Sight(NamedTuple):
+    """What is known at the sampling instant t_p."""
+
+    tick: Array  # p
+    pose: Pose  # sampled, each field [N, *B]
+    age: Array  # of information, broadcastable to [N, *B] (s)
+
+
+class Controller(Protocol):
+    """A controller; frozen and hashable, since programs are compiled for it.
+
+    Attributes:
+        costly: Whether a command takes so long that no run may be simulated for filling up a batch.
+    """
+
+    @property
+    def costly(self) -> bool:
+        """Whether a command takes long."""
+        ...
+
+    def check(self, scenario: Scenario, designs: Design, start: ArrayLike, actuation: str) -> None:
+        """Checks what can be known before anything runs.
+
+        Args:
+            scenario: Robots and goal.
+            designs: Numbers, or arrays [G].
+            start: [N, 3], or [N, 3, S] of S seeds.
+            actuation: How commands take effect.
+
+        Raises:
+            ValueError: The controller cannot do it; the message says why.
+        """
+        ...
+
+    def begin(self, task: Task, pose: Pose, keys: Array | None) -> Any:
+        """What is remembered before the first instant.
+
+        Args:
+            task: What does not change.
+            pose: Start poses.
+            keys: [*B, 2] words of a random key for each run; None if the caller has none.
+        """
+        ...
+
+    def command(self, task: Task, memory: Any, sight: Sight) -> tuple[Any, Command, Any]:
+        """What is remembered next, the commands [N, *B], and what is to be recorded of the instant."""
+        ...
+
+    def report(self, memory: Any) -> dict[str, Array]:
+        """Numbers about a run, each [N, *B], beside its metrics."""
+        ...
+
