@@ -37,6 +37,7 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
     Raises:
         ValueError: A value of the configuration is out of range, or nothing can be advised.
     """
+    config.surrogate_only()
     options = config.advise
     advice = advise(
         config.build_scenario(), config.build_network(), config.current(), config.bounds(),

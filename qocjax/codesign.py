@@ -45,6 +45,7 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
     Raises:
         ValueError: A value of the configuration is out of range.
     """
+    config.surrogate_only()
     problem, grid, methods = _problem(config), config.build_grid(), config.search.methods
     sweep_seeds, judge_seeds = (len(seeds) for seeds in config.seeds())
     for method in [*methods, *([config.front.method] if config.front else [])]:

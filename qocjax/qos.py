@@ -32,6 +32,7 @@ def run(config: QosConfig, folder: Path | None = None, *, quiet: bool = False) -
     Raises:
         ValueError: A value of the configuration is out of range.
     """
+    config.surrogate_only()
     options, shown = config.qos, config.shown()
     total = len(options.profiles) * len(options.loss) * len(options.burst)
     with tqdm(total=total, desc="profiles x channels", file=sys.stderr, disable=True if quiet else None) as bar:

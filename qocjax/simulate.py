@@ -110,7 +110,7 @@ def simulate(
     times = _checked_loop_times(scenario, design, loop_times)
     check_start(scenario, scenario.start)
     controller = controller or Apf()
-    controller.check(scenario, design, scenario.start, actuation)
+    controller.check(scenario, design, actuation)
     mid_tick, slots = _timing(design, times.shape[0], rules)
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
     return _simulate(scenario, design, times, jax.random.key(0) if key is None else key, plan)

@@ -34,6 +34,7 @@ def run(config: TuneConfig, folder: Path | None = None, *, quiet: bool = False) 
     Raises:
         ValueError: A value of the configuration is out of range, or derivatives are not finite.
     """
+    config.surrogate_only()
     scenario, network, baseline = config.build_scenario(), config.build_network(), config.baseline()
     bounds, settings, deadlines = config.build_bounds(), config.build_search(), config.deadlines()
     rules, (selection, evaluation) = config.loop.build(), config.seeds()

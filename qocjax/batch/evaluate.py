@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import nullcontext
+from dataclasses import asdict, replace
 from itertools import islice
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jax.typing import DTypeLike
+from jax.typing import ArrayLike, DTypeLike
 
 from qocjax import _checks
 from qocjax.batch.layout import Batch, batches_of, groups_of
@@ -30,6 +31,8 @@ MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
 
 # Likewise where each command takes long: enough to share a schedule, and few enough to be spread over the cores.
 COSTLY_RUNS = {"cpu": 8, "gpu": 1 << 10, "tpu": 1 << 10}
+
+_SCENARIO_NUMBERS = ("start", "goal", "nominal_kappa", "nominal_v_max", "weights", "robot_radius")
 
 UNITS = {
     "auc": "s", "path_length": "m", "effort": "(m/s)^2 s + (rad/s)^2 s", "arrival_time": "s", "min_distance": "m",
@@ -52,6 +55,8 @@ def evaluate(
     max_runs: int | None = None,
     progress: Callable[[int], None] | None = None,
     controller: Controller | None = None,
+    only: tuple[Sequence[int], Sequence[int]] | None = None,
+    pool: Executor | None = None,
 ) -> xr.Dataset:
     """Simulates every design with every seed; designs of the same tau share their loop times.
 
@@ -68,6 +73,10 @@ def evaluate(
             up to rounding.
         progress: Called with the number of robot-steps done, after each batch.
         controller: What computes the commands, by default the surrogate law.
+        only: Places of the designs and of the seeds that are simulated, each ascending, by default all; the others
+            still say which programs are worth compiling. So parts of a study, in any order, are the study bit for bit
+            where they hold whole groups of one tau and deadline, and seeds in multiples of 32.
+        pool: Threads that run the batches; by default as many as there are cores, for this call.
 
     Returns:
         Metrics over (design, seed, robot) or (design, seed), with units as attributes: auc, path_length, effort,
@@ -85,6 +94,7 @@ def evaluate(
     return run_grid(
         scenario, designs, network, seeds, metrics,
         rules=rules or Rules(), key=key, dtype=dtype, max_runs=limit, progress=progress, controller=controller,
+        only=only, pool=pool,
     )  # fmt: skip
 
 
@@ -102,6 +112,8 @@ def run_grid(
     progress: Callable[[int], None] | None = None,
     in_blocks: bool = False,
     controller: Controller | None = None,
+    only: tuple[Sequence[int], Sequence[int]] | None = None,
+    pool: Executor | None = None,
 ) -> xr.Dataset:
     """Takes a measure of every design with every seed; see `evaluate` for the arguments.
 
@@ -111,28 +123,48 @@ def run_grid(
     """
     _check_kinds(scenario, designs, network, rules)
     grid = _as_grid(designs, scenario)
-    numbers = _checked_seeds(seeds)
+    rows, numbers = _chosen(only, len(grid["tau"]), seeds)
     if not -(2**31) <= _checks.count("key", key, least=-(2**63)) < 2**31:
         raise ValueError(f"key: got {key}, expected a whole number of 32 bits")
     width = _checked_dtype(dtype)
+    _check_held(grid | {name: getattr(scenario, name) for name in _SCENARIO_NUMBERS}, width)
     check_start(scenario, scenario.start)
     controller = controller or Apf()
-    controller.check(scenario, Design(**grid), scenario.start, rules.actuation)
+    controller.check(scenario, Design(**grid), rules.actuation)
     runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks, controller)
-    runs_each, general = scenario.num_robots * len(numbers), not (in_blocks or controller.costly)
+    total = len(numbers if only is None else seeds)
+    runs_each, general = scenario.num_robots * total, not (in_blocks or controller.costly)
     groups = groups_of(grid["tau"], grid["deadline"], scenario.horizon, rules, runs_each, general)
-    batches = batches_of(groups, len(numbers), scenario.num_robots, max_runs, snug=controller.costly)
+    wanted = np.isin(np.arange(len(grid["tau"])), rows)
+    chosen = [replace(group, designs=group.designs[wanted[group.designs]]) for group in groups]
+    work = [group for group in chosen if len(group.designs)]
+    batches = batches_of(work, len(numbers), scenario.num_robots, max_runs, snug=controller.costly)
     results: dict[str, np.ndarray] = {}
-    for batch, found in _in_parallel(runner.run, batches):
-        _put(results, (len(grid["tau"]), len(numbers)), batch, found)
+    for batch, found in _in_parallel(runner.run, batches, pool):
+        _put(results, (len(rows), len(numbers)), batch, np.searchsorted(rows, batch.designs), found)
         if progress is not None:
             progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)
     return _labelled(
         results,
-        grid,
+        {name: values[rows] for name, values in grid.items()},
         numbers,
         {"math": ", ".join(sorted({runner.math(group.longest_period).name for group in groups})), "dtype": str(width)},
     )
+
+
+def _chosen(
+    only: tuple[Sequence[int], Sequence[int]] | None, num_designs: int, seeds: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places of the designs, and the seeds, that are simulated."""
+    if only is None:
+        return np.arange(num_designs), _checked_seeds(seeds)
+    places = []
+    for what, given, length in (("designs", only[0], num_designs), ("seeds", only[1], len(seeds))):
+        array = np.asarray(given, np.int64)
+        if array.ndim != 1 or array.size == 0 or array[0] < 0 or array[-1] >= length or (np.diff(array) < 1).any():
+            raise ValueError(f"only: got {what} {given!r}, expected ascending places below {length}")
+        places.append(array)
+    return places[0], _checked_seeds([seeds[place] for place in places[1].tolist()])
 
 
 def _check_kinds(scenario: Scenario, designs: Design, network: Network, rules: Rules) -> None:
@@ -168,6 +200,14 @@ def _checked_dtype(dtype: DTypeLike) -> np.dtype:
     return width
 
 
+def _check_held(values: Mapping[str, ArrayLike], width: np.dtype) -> None:
+    """Checks that no number is too large for the type that is computed with."""
+    for name, value in values.items():
+        array = np.abs(np.asarray(value, np.float64))
+        if (array > np.finfo(width).max).any():
+            raise ValueError(f"{name}: got {array.max():g}, expected numbers that {width} can hold")
+
+
 def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
     """The values of all designs, each [G] in float64."""
     values = {name: np.asarray(value, np.float64) for name, value in asdict(designs).items()}
@@ -182,34 +222,43 @@ def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
     return {name: np.broadcast_to(value, shape or (1,)) for name, value in values.items()}
 
 
-def _in_parallel(run: Callable[[Batch], dict], batches: Iterable[Batch]) -> Iterator[tuple[Batch, dict]]:
+def _in_parallel(
+    run: Callable[[Batch], dict], batches: Iterable[Batch], pool: Executor | None
+) -> Iterator[tuple[Batch, dict]]:
     """Runs batches on the workers, a few ahead of what is taken, so that memory does not grow with the grid."""
-    workers, wide = num_workers(), jnp.result_type(float) == jnp.float64
+    workers, wide, device = num_workers(), jnp.result_type(float) == jnp.float64, jax.config.jax_default_device
 
     def alike(batch: Batch) -> dict[str, np.ndarray]:
-        with jax.enable_x64(wide):  # a setting of the calling thread, which others do not see by themselves
+        # Settings of the calling thread, which others do not see by themselves.
+        with jax.enable_x64(wide), jax.default_device(device):
             return run(batch)
 
-    with ThreadPoolExecutor(workers) as pool:
+    with nullcontext(pool) if pool else ThreadPoolExecutor(workers) as threads:
         source = iter(batches)
-        pending: dict[Future, Batch] = {pool.submit(alike, batch): batch for batch in islice(source, 2 * workers)}
+        pending: dict[Future, Batch] = {threads.submit(alike, batch): batch for batch in islice(source, 2 * workers)}
         try:
             while pending:
                 done, _ = wait(pending, return_when=FIRST_COMPLETED)
                 for future in done:
                     batch = pending.pop(future)
                     for following in islice(source, 1):
-                        pending[pool.submit(alike, following)] = following
+                        pending[threads.submit(alike, following)] = following
                     yield batch, future.result()
         finally:
             for future in pending:
                 future.cancel()
 
 
-def _put(results: dict[str, np.ndarray], shape: tuple[int, int], batch: Batch, found: dict[str, np.ndarray]) -> None:
+def _put(
+    results: dict[str, np.ndarray],
+    shape: tuple[int, int],
+    batch: Batch,
+    designs: np.ndarray,
+    found: dict[str, np.ndarray],
+) -> None:
     """Writes the real rows and lanes of a batch to their places in [G, S] or [G, S, N]."""
     rows, lanes = batch.num_designs, batch.num_seeds
-    place = np.ix_(batch.designs[:rows], batch.seeds[:lanes])
+    place = np.ix_(designs[:rows], batch.seeds[:lanes])
     for name, values in found.items():
         real = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
         whole = results.setdefault(name, np.empty((*shape, *real.shape[2:]), real.dtype))

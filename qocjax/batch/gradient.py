@@ -89,9 +89,7 @@ class _AucGradient:
     names: tuple[str, ...]
     mode: str
 
-    def __call__(
-        self, scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan
-    ) -> dict[str, Array]:
+    def __call__(self, scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan) -> dict[str, Array]:
         """The measure; one copy of each value per run makes the derivatives those of single runs."""
         start = drawn.start
         shape = (jnp.shape(design.kappa)[1], start.shape[-1])

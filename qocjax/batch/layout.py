@@ -17,10 +17,10 @@ import numpy as np
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.scenario import num_ticks
 
-__all__ = ["Batch", "Group", "batches_of", "general_length", "groups_of"]
+__all__ = ["LANES", "Batch", "Group", "batches_of", "general_length", "groups_of"]
 
 # Seeds of one batch: whole vector registers, and few enough that their schedule stays in cache beside many designs.
-_LANES = 32
+LANES = 32
 
 # Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
 # all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
@@ -121,7 +121,7 @@ def batches_of(
         max_runs: Runs of a batch with two robots.
         snug: Whether batches are made as small as their designs allow, at the price of more programs.
     """
-    lanes = min(num_seeds, _LANES, max(1, max_runs))
+    lanes = min(num_seeds, LANES, max(1, max_runs))
     most_rows = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
     for tau in dict.fromkeys(group.tau for group in groups):
         for first in range(0, num_seeds, lanes):

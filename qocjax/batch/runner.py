@@ -30,7 +30,7 @@ __all__ = ["Drawn", "Measure", "Runner", "draw_seeds", "metrics"]
 # [N, designs, seeds] or [designs, seeds]. Hashable, since programs are kept by it.
 Measure = Callable[[Scenario, Design, "Drawn", Array, Plan], dict[str, Array]]
 
-_programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process
+_programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process, each for one device
 
 
 class Drawn(NamedTuple):
@@ -51,7 +51,7 @@ def draw_seeds(
     num_ticks: int,
     tau: float,
 ) -> Drawn:
-    """Start poses, loop times and random keys of Monte Carlo seeds; a seed's do not depend on which others are drawn with it.
+    """What Monte Carlo seeds fix; a seed's draws do not depend on which others are drawn with it.
 
     Args:
         start: [N, 3] nominal start poses.
@@ -119,7 +119,8 @@ class Runner:
         math = self.math(group.longest_period)
         plan = Plan(self.rules, math, slots, group.mid_tick, lag=lag, controller=self.controller)
         leaves, structure = jax.tree.flatten(args)
-        key = (self.measure, plan, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+        shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
+        key = (self.measure, plan, structure, shapes, jax.config.jax_default_device)
         program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=4).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
@@ -131,16 +132,18 @@ class Runner:
         if stable and getattr(jax.config, "jax_threefry_partitionable", True):
             ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
         args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
-        key = (self.network, *map(np.shape, args[::3]), args[1], ticks, tau, self.start.dtype)
+        shapes = (*map(np.shape, args[::3]), self.start.dtype)
+        key = (self.network, *shapes, args[1], ticks, tau, jax.config.jax_default_device)
         program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
         start, times, keys = program(self.start, self.seeds[batch.seeds], np.int32(self.key))
         if np.isnan(times).any() or (np.asarray(times) < 0).any():
             raise ValueError("network: drew NaN or a negative loop time, expected seconds >= 0 (inf where lost)")
         poses = np.moveaxis(np.asarray(start, self.dtype), 0, -1)
         check_start(self.scenario, poses)
+        self.controller.check_start(self.scenario, poses, self.seeds[batch.seeds])
         loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
         loops[: group.ticks, :, 0] = np.moveaxis(np.asarray(times)[:, : group.ticks], 0, -1)
-        return jax.device_put(Drawn(poses[:, :, None, :], loops, np.asarray(keys)[None]))
+        return Drawn(*jax.device_put((poses[:, :, None, :], loops, np.asarray(keys)[None])))
 
 
 def metrics(scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan) -> dict[str, Array]:

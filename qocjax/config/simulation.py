@@ -8,8 +8,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from qocjax.config.controller import ControllerConfig
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
+from qocjax.controllers import Controller
 from qocjax.network import Network
 from qocjax.network.dds import DdsNetwork
 from qocjax.network.schedule import Rules
@@ -24,16 +26,6 @@ class RobotConfig(Part):
     v_max: float
     omega_max: float
     radius: float
-
-
-class ControllerConfig(Part):
-    """Gains of the surrogate law at baseline."""
-
-    kappa: float
-    eta: float
-    gamma: float
-    c_miss: float
-    d_safe: float
 
 
 class LoopConfig(Part):
@@ -69,6 +61,7 @@ class ScenarioConfig(Part):
     normaliser: str
     weights: list[float]
     start_jitter: list[float]
+    map: str | None
 
     def build(self, robot: RobotConfig) -> Scenario:
         """The scenario of these robots."""
@@ -108,7 +101,20 @@ class SimulationConfig(Part):
         network = self.network.build()
         return replace(network, period=self.loop.tau) if isinstance(network, DdsNetwork) else network
 
+    def build_controller(self) -> Controller:
+        """What computes the commands; reads the scenario's map where it has one and the controller asks for it."""
+        return self.controller.build(self.build_scenario(), self.scenario.map, self.robot.omega_max)
+
+    def surrogate_only(self) -> None:
+        """For commands that need the surrogate law.
+
+        Raises:
+            ValueError: The controller is another.
+        """
+        if self.controller.law != "apf":
+            raise ValueError(f"controller: got {self.controller.law}, expected apf, whose gains this command varies")
+
     def baseline(self) -> Design:
         """The design around which parameters are swept."""
-        gains = self.controller.model_dump()
-        return Design(v_max=self.robot.v_max, omega_max=self.robot.omega_max, tau=self.loop.tau, **gains)
+        caps = {"v_max": self.robot.v_max, "omega_max": self.robot.omega_max}
+        return Design(**caps, tau=self.loop.tau, **self.controller.gains())

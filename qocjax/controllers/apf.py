@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
-from jax.typing import ArrayLike
 
 from qocjax._math import AngleMath
 from qocjax.controllers.interface import Sight, Task
@@ -26,8 +26,11 @@ class Apf:
 
     costly = False
 
-    def check(self, scenario: Scenario, designs: Design, start: ArrayLike, actuation: str) -> None:
+    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
         """It can do everything."""
+
+    def check_start(self, scenario: Scenario, start: np.ndarray, seeds: np.ndarray) -> None:
+        """It can start everywhere."""
 
     def begin(self, task: Task, pose: Pose, keys: Array | None) -> tuple[()]:
         """Nothing."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from qocjax._math import AngleMath
 from qocjax.scenario import Design, Scenario
@@ -46,17 +46,29 @@ class Controller(Protocol):
         """Whether a command takes long."""
         ...
 
-    def check(self, scenario: Scenario, designs: Design, start: ArrayLike, actuation: str) -> None:
+    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
         """Checks what can be known before anything runs.
 
         Args:
-            scenario: Robots and goal.
+            scenario: Robots, nominal starts and goal.
             designs: Numbers, or arrays [G].
-            start: [N, 3], or [N, 3, S] of S seeds.
             actuation: How commands take effect.
 
         Raises:
             ValueError: The controller cannot do it; the message says why.
+        """
+        ...
+
+    def check_start(self, scenario: Scenario, start: np.ndarray, seeds: np.ndarray) -> None:
+        """Checks where robots start.
+
+        Args:
+            scenario: Robots.
+            start: [N, 3, S].
+            seeds: [S], for the message.
+
+        Raises:
+            ValueError: A robot cannot start there.
         """
         ...
 
@@ -77,4 +89,3 @@ class Controller(Protocol):
     def report(self, memory: Any) -> dict[str, Array]:
         """Numbers about a run, each [N, *B], beside its metrics."""
         ...
-

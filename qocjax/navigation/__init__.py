@@ -28,9 +28,12 @@ from qocjax.navigation.mppi import Rollouts, State, initial_state, predict, step
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
 from qocjax.navigation.planner import Path, follow, plan
+from qocjax.navigation.snapshot import Snapshot, snapshot
+from qocjax.navigation.stack import STACK_MPPI, NavigationStack, open_floor
 from qocjax.navigation.wavefront import Planner, cost_to_go
 
 __all__ = [
+    "STACK_MPPI",
     "ConstraintCritic",
     "CostCritic",
     "Critic",
@@ -42,6 +45,7 @@ __all__ = [
     "Layers",
     "MapCosts",
     "MppiConfig",
+    "NavigationStack",
     "Obstacles",
     "ObstaclesCritic",
     "Path",
@@ -51,6 +55,7 @@ __all__ = [
     "PreferForwardCritic",
     "Rectangle",
     "Rollouts",
+    "Snapshot",
     "State",
     "StaticLayer",
     "StaticMap",
@@ -61,10 +66,12 @@ __all__ = [
     "follow",
     "initial_state",
     "map_of_shapes",
+    "open_floor",
     "others",
     "plan",
     "predict",
     "read_map",
+    "snapshot",
     "squared_distance",
     "static_layer",
     "step",

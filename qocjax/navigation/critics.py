@@ -48,8 +48,9 @@ class Scene(NamedTuple):
     costs: MapCosts
     path_spacing: float  # between its points (m)
     model_dt: float  # s
-    vx_max: float  # m/s
-    vx_min: float  # m/s
+    vx_max: Array  # [] m/s
+    vx_min: Array  # [] m/s
+    wz_max: Array  # [] rad/s
 
 
 class Point(NamedTuple):

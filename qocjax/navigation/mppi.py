@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
+from jax.typing import ArrayLike
 
 from qocjax._math import angle_math
 from qocjax.navigation.critics import COLLISION, Ends, Scene
@@ -25,7 +26,7 @@ from qocjax.navigation.rollout import roll_out
 from qocjax.navigation.smoothing import HISTORY, shifted, smoothed
 from qocjax.unicycle import Command, Pose, arc
 
-__all__ = ["Rollouts", "State", "initial_state", "predict", "step", "step_each", "weights_of"]
+__all__ = ["Limits", "Rollouts", "State", "initial_state", "predict", "step", "step_each", "weights_of"]
 
 
 @jax.tree_util.register_dataclass
@@ -47,6 +48,19 @@ class Rollouts(NamedTuple):
     blocked: Array  # [] whether every rollout collides
     x: Array | None  # [K, H] m, where recorded
     y: Array | None  # [K, H] m
+
+
+class Limits(NamedTuple):
+    """What may differ between runs of one compiled program."""
+
+    vx_max: ArrayLike  # m/s
+    wz_max: ArrayLike  # rad/s, at most that of the configuration
+    period: ArrayLike  # of the cycle (s)
+
+    @classmethod
+    def of(cls, config: MppiConfig) -> Limits:
+        """Those of a configuration."""
+        return cls(config.vx_max, config.wz_max, 1.0 / config.controller_frequency)
 
 
 def initial_state(config: MppiConfig, dtype: jnp.dtype | None = None) -> State:
@@ -86,6 +100,7 @@ def step(
     goal: Array,
     key: Array,
     record: bool = False,
+    limits: Limits | None = None,
 ) -> tuple[Command, State, Rollouts]:
     """One cycle of the controller, for one robot; `jax.vmap` takes it over robots and simulations.
 
@@ -98,6 +113,7 @@ def step(
         goal: [3] (m, m, rad).
         key: Random key.
         record: Whether the points of the rollouts are returned.
+        limits: Caps and period in place of the configuration's.
 
     Returns:
         The command (each field []), the next state, and what was looked at.
@@ -106,17 +122,18 @@ def step(
         ValueError: The shape of an argument is another; the message names it.
     """
     _check_shapes(config, state, pose, path, goal)
-    scene = _scene(config, pose, costmap, path, goal)
+    limits = limits or Limits.of(config)
+    scene = _scene(config, limits, pose, costmap, path, goal)
     vx, wz = state.vx, state.wz
     for iteration in range(config.iteration_count):
         noise = normal_pairs(jax.random.fold_in(key, iteration), config.time_steps, config.batch_size, pose.dtype)
         vx, wz, rollouts = _iterate(config, scene, pose, vx, wz, noise, record)
-        vx = jnp.clip(smoothed(vx, state.sent_vx, config.sgf_order), config.vx_min, config.vx_max)
-        wz = jnp.clip(smoothed(wz, state.sent_wz, config.sgf_order), -config.wz_max, config.wz_max)
+        vx = jnp.clip(smoothed(vx, state.sent_vx, config.sgf_order), scene.vx_min, scene.vx_max)
+        wz = jnp.clip(smoothed(wz, state.sent_wz, config.sgf_order), -scene.wz_max, scene.wz_max)
     if config.stop_if_blocked:
         vx, wz = (jnp.where(rollouts.blocked, 0.0, each) for each in (vx, wz))
     command = Command(vx[0], wz[0])
-    ahead = 1.0 / (config.controller_frequency * config.model_dt)
+    ahead = limits.period / config.model_dt
     sent = (jnp.append(old[1:], new) for old, new in ((state.sent_vx, vx[0]), (state.sent_wz, wz[0])))
     return command, State(shifted(vx, ahead), shifted(wz, ahead), *sent), rollouts
 
@@ -147,14 +164,13 @@ def _check_shapes(config: MppiConfig, state: State, pose: Array, path: Array, go
         raise ValueError(f"path: got shape {jnp.shape(path)}, expected (P, 2) with P at least 2")
 
 
-def _scene(config: MppiConfig, pose: Array, costmap: MapCosts, path: Array, goal: Array) -> Scene:
+def _scene(config: MppiConfig, limits: Limits, pose: Array, costmap: MapCosts, path: Array, goal: Array) -> Scene:
     costmap = replace(costmap, cost=costmap.cost.astype(pose.dtype))
     ahead = local_path(path, pose[0], pose[1], config.prune_distance, config.path_spacing)
     to_goal = jnp.hypot(pose[0] - goal[0], pose[1] - goal[1])
     clear = costmap.at(ahead.x, ahead.y) < COLLISION
-    return Scene(
-        goal, to_goal, ahead, clear, costmap, config.path_spacing, config.model_dt, config.vx_max, config.vx_min
-    )
+    caps = [jnp.asarray(each, pose.dtype) for each in (limits.vx_max, config.vx_min, limits.wz_max)]
+    return Scene(goal, to_goal, ahead, clear, costmap, config.path_spacing, config.model_dt, *caps)
 
 
 def _iterate(
@@ -163,8 +179,8 @@ def _iterate(
     """Draws, rolls out, scores and averages once."""
     sample_vx, sample_wz = vx[:, None] + config.vx_std * noise[0], wz[:, None] + config.wz_std * noise[1]
     if config.clamp_raw_controls:
-        sample_vx = jnp.clip(sample_vx, config.vx_min, config.vx_max)
-        sample_wz = jnp.clip(sample_wz, -config.wz_max, config.wz_max)
+        sample_vx = jnp.clip(sample_vx, scene.vx_min, scene.vx_max)
+        sample_wz = jnp.clip(sample_wz, -scene.wz_max, scene.wz_max)
     sample_vx, sample_wz = lax.optimization_barrier((sample_vx, sample_wz))  # drawn once, however often it is read
     last, totals, points = roll_out(config, scene, pose, sample_vx, sample_wz, record)
     ends = Ends(last.x, last.y, furthest_reached(scene.path, last.x, last.y), config.time_steps)

@@ -74,8 +74,8 @@ def _block(config: MppiConfig, scene: Scene, carry: _Carry, rows: Sequence[Array
     points = []
     for index in range(len(rows[0])):
         vx, wz = rows[0][index], rows[1][index]
-        nu = jnp.clip(vx, config.vx_min, config.vx_max)
-        command = Command(nu, jnp.clip(wz, -config.wz_max, config.wz_max))
+        nu = jnp.clip(vx, scene.vx_min, scene.vx_max)
+        command = Command(nu, jnp.clip(wz, -scene.wz_max, scene.wz_max))
         pose = arc(pose, command, config.model_dt, angles)
         distance = distance + jnp.abs(nu) * config.model_dt
         point = Point(pose.x, pose.y, pose.heading, distance, vx)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
-
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
+from jax.typing import ArrayLike
 
 __all__ = ["HISTORY", "shifted", "smoothed"]
 
 # Commands on either side of the one that the filter replaces (Nav2's window of 9).
 HISTORY = 4
+
+_ROUNDING = 1e-6  # of a step
 
 
 def smoothed(sequence: Array, sent: Array, order: int) -> Array:
@@ -34,9 +35,12 @@ def smoothed(sequence: Array, sent: Array, order: int) -> Array:
     return sum(float(kernel[i]) * padded[i : i + len(sequence)] for i in range(len(kernel)))  # type: ignore[return-value]
 
 
-def shifted(sequence: Array, steps: float) -> Array:
+def shifted(sequence: Array, steps: ArrayLike) -> Array:
     """The sequence from `steps` steps on, linear between its values, its last one held; [H]."""
-    whole = min(math.floor(steps + 1e-6), len(sequence))
-    rest = max(steps - whole, 0.0) if abs(steps - whole) > 1e-6 else 0.0
-    padded = jnp.concatenate([sequence[whole:], jnp.broadcast_to(sequence[-1:], (whole + 1,))])
-    return padded[:-1] if rest == 0 else (1.0 - rest) * padded[:-1] + rest * padded[1:]
+    length = len(sequence)
+    steps = jnp.minimum(jnp.asarray(steps, sequence.dtype), length)
+    whole = jnp.floor(steps + _ROUNDING)
+    rest = jnp.where(steps - whole > _ROUNDING, steps - whole, 0.0)
+    padded = jnp.concatenate([sequence, jnp.broadcast_to(sequence[-1:], (length + 1,))])
+    ahead = lax.dynamic_slice_in_dim(padded, whole.astype(jnp.int32), length + 1)
+    return (1.0 - rest) * ahead[:-1] + rest * ahead[1:]

@@ -1,0 +1,167 @@
+"""Configuration of controllers: the surrogate law's gains, or the navigation stack."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from qocjax.config.part import Part, conf_dir
+from qocjax.controllers import Apf, Controller
+from qocjax.navigation import (
+    ConstraintCritic,
+    CostCritic,
+    GoalAngleCritic,
+    GoalCritic,
+    Inflation,
+    MppiConfig,
+    NavigationStack,
+    ObstaclesCritic,
+    PathAlignCritic,
+    PathFollowCritic,
+    Planner,
+    PreferForwardCritic,
+    StaticMap,
+    open_floor,
+    read_map,
+)
+from qocjax.scenario import Scenario
+
+__all__ = ["ApfConfig", "ControllerConfig", "NavigationConfig", "map_of"]
+
+_CRITICS = {
+    critic.__name__: critic
+    for critic in (
+        ConstraintCritic, CostCritic, GoalAngleCritic, GoalCritic, ObstaclesCritic, PathAlignCritic, PathFollowCritic,
+        PreferForwardCritic,
+    )
+}  # fmt: skip
+
+
+class ApfConfig(Part):
+    """Gains of the surrogate law at baseline."""
+
+    law: Literal["apf"]
+    kappa: float
+    eta: float
+    gamma: float
+    c_miss: float
+    d_safe: float
+
+    def gains(self) -> dict[str, float]:
+        """Values of the baseline design."""
+        return self.model_dump(exclude={"law"})
+
+    def build(self, scenario: Scenario, map_name: str | None, wz_max: float) -> Controller:
+        """The surrogate law, which knows no map."""
+        return Apf()
+
+
+class InflationConfig(Part):
+    """How costs fall off around obstacles."""
+
+    inflation_radius: float
+    cost_scaling_factor: float
+    localisation_sigma: float
+    sigma_factor: float
+
+
+class PlannerConfig(Part):
+    """The global planner."""
+
+    cost_travel_multiplier: float
+    tolerance: float
+    allow_unknown: bool
+
+
+class MppiPart(Part):
+    """The local controller; what the design and the loop set is not here."""
+
+    batch_size: int
+    time_steps: int
+    model_dt: float
+    iteration_count: int
+    vx_min: float
+    vx_std: float
+    wz_std: float
+    temperature: float
+    gamma: float
+    clamp_raw_controls: bool
+    sgf_order: int
+    prune_distance: float
+    path_spacing: float
+    stop_if_blocked: bool
+    critics: dict[str, dict[str, float | int]]
+
+    def build(self, wz_max: float) -> MppiConfig:
+        """Parameters of the local controller.
+
+        Raises:
+            ValueError: An unknown critic or parameter, or a value out of range.
+        """
+        values = self.model_dump(exclude={"critics"})
+        critics = tuple(_critic(name, given) for name, given in self.critics.items())
+        return MppiConfig(**values, wz_max=wz_max, critics=critics)
+
+
+class NavigationConfig(Part):
+    """The navigation stack."""
+
+    law: Literal["navigation"]
+    kappa: float
+    d_safe: float
+    resolution: float
+    floor_margin: float
+    inflation: InflationConfig
+    planner: PlannerConfig
+    mppi: MppiPart
+    planner_period: float
+    predict: bool
+    xy_goal_tolerance: float
+    max_widening: float
+    backup_speed: float
+    backup_dist: float
+
+    def gains(self) -> dict[str, float]:
+        """Values of the baseline design; the stack reads neither, the yardstick and the time of arrival do."""
+        return {"kappa": self.kappa, "d_safe": self.d_safe}
+
+    def build(self, scenario: Scenario, map_name: str | None, wz_max: float) -> NavigationStack:
+        """The stack on a map, or on open floor.
+
+        Args:
+            scenario: Robots and goals.
+            map_name: From the configuration of the scenario; None for open floor.
+            wz_max: Largest rate of turn of the study (rad/s).
+        """
+        rest = ("planner_period", "predict", "xy_goal_tolerance", "max_widening", "backup_speed", "backup_dist")
+        return NavigationStack(
+            map_of(scenario, map_name, self.floor_margin, self.resolution),
+            Inflation(robot_radius=float(scenario.robot_radius), **self.inflation.model_dump()),  # type: ignore[arg-type]
+            Planner(**self.planner.model_dump()),
+            self.mppi.build(wz_max),
+            **{name: getattr(self, name) for name in rest},
+        )
+
+
+ControllerConfig = Annotated[ApfConfig | NavigationConfig, Field(discriminator="law")]
+
+
+def map_of(scenario: Scenario, name: str | None, margin: float = 1.0, resolution: float = 0.05) -> StaticMap:
+    """The map of a scenario: a file of `conf/maps` or of the working directory, or open floor where there is none."""
+    if name is None:
+        return open_floor(scenario, margin, resolution)
+    shipped = conf_dir() / "maps" / name
+    return read_map(shipped if shipped.is_file() else Path(name))
+
+
+def _critic(name: str, given: dict[str, Any]) -> Any:
+    if name not in _CRITICS:
+        raise ValueError(f"controller.mppi.critics: got {name}, expected one of {', '.join(_CRITICS)}")
+    known = [item.name for item in fields(_CRITICS[name])]
+    for key in given:
+        if key not in known:
+            raise ValueError(f"controller.mppi.critics.{name}: got {key}, expected one of {', '.join(known)}")
+    return _CRITICS[name](**given)

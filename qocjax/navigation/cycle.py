@@ -1,0 +1,137 @@
+"""One cycle of one robot: costmap, path, start of the rollouts, command."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array, lax
+
+from qocjax.navigation.costmap import Layers, Obstacles, StaticLayer, costmap_layers
+from qocjax.navigation.critics import COLLISION
+from qocjax.navigation.local_path import MapCosts
+from qocjax.navigation.mppi import Limits, Rollouts, State, predict, step
+from qocjax.navigation.planner import plan
+from qocjax.unicycle import Command
+
+if TYPE_CHECKING:
+    from qocjax.navigation.stack import NavigationStack
+
+__all__ = ["Robot", "View", "cycle", "look"]
+
+
+class Robot(NamedTuple):
+    """What a cycle starts from."""
+
+    words: Array  # [2] of the random key of this cycle
+    state: State  # of the local controller
+    path: Array  # [L, 2] the last global path (m)
+    has_path: Array  # [] whether one was ever found
+    pose: Array  # [3] sampled (m, m, rad)
+    under_way: Array  # [slots, 2] commands computed before, the latest one last (m/s, rad/s)
+    durations: Array  # [slots] how long each is still to be in force (s)
+    obstacles: Obstacles  # [M] the other robots
+    goal: Array  # [2] m
+    limits: Limits
+
+
+class View(NamedTuple):
+    """What a cycle had before it, for records and figures."""
+
+    words: Array  # [2] of the random key
+    state: State  # of the local controller before the cycle
+    path: Array  # [L, 2] followed (m)
+    has_path: Array  # [] whether one was ever found
+    found: Array  # [] whether a plan of this cycle found one
+    blocked: Array  # [] whether every rollout collided
+    begin: Array  # [3] where the rollouts begin (m, m, rad)
+    obstacles: Obstacles  # [M]
+    goal: Array  # [2] m
+    limits: Limits
+
+
+def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Command, State, View]:
+    """Makes the costmap, plans if it is time, and computes the command.
+
+    Args:
+        stack: Parameters.
+        robot: What is known.
+        planning: Whether a new global plan is due.
+
+    Returns:
+        The command, the state of the local controller for the next cycle, and what the cycle looked at.
+    """
+    dtype = robot.pose.dtype
+    cost = _layers(stack, robot.obstacles, dtype).total().astype(dtype)
+    path, found = _path(stack, robot, cost, planning)
+    has_path = robot.has_path | (planning & found)
+    begin = robot.pose
+    if stack.predict:
+        begin = predict(begin, Command(robot.under_way[:, 0], robot.under_way[:, 1]), robot.durations)
+    command, state, rollouts = _step(stack, robot.words, robot.state, begin, cost, path, robot.goal, robot.limits)
+    back = _back_up(stack, begin, cost)
+    command = Command(jnp.where(rollouts.blocked, back, command.nu), jnp.where(rollouts.blocked, 0.0, command.omega))
+    there = jnp.hypot(begin[0] - robot.goal[0], begin[1] - robot.goal[1]) <= stack.xy_goal_tolerance
+    going = has_path & ~there
+    still = jax.tree.map(jnp.zeros_like, state)
+    state = jax.tree.map(lambda new, none: jnp.where(going, new, none), state, still)
+    command = Command(jnp.where(going, command.nu, 0.0), jnp.where(going, command.omega, 0.0))
+    view = View(
+        robot.words, robot.state, path, has_path, found, going & rollouts.blocked, begin, robot.obstacles, robot.goal,
+        robot.limits,
+    )  # fmt: skip
+    return command, state, view
+
+
+def look(stack: NavigationStack, view: View) -> tuple[Layers, Rollouts]:
+    """The costmap of a cycle and its rollouts, with their points."""
+    dtype = view.begin.dtype
+    layers = _layers(stack, view.obstacles, dtype)
+    cost = layers.total().astype(dtype)
+    _, _, rollouts = _step(
+        stack, view.words, view.state, view.begin, cost, view.path, view.goal, view.limits, record=True
+    )
+    return layers, rollouts
+
+
+def _layers(stack: NavigationStack, obstacles: Obstacles, dtype: jnp.dtype) -> Layers:
+    static = StaticLayer(*(jnp.asarray(each, dtype) for each in stack.static))
+    return costmap_layers(stack.static_map.grid, static, obstacles, stack.inflation)
+
+
+def _path(stack: NavigationStack, robot: Robot, cost: Array, planning: Array) -> tuple[Array, Array]:
+    """A new path where one is due and there is one, else the last."""
+
+    def planned() -> tuple[Array, Array]:
+        new = plan(cost, robot.pose[:2], robot.goal, stack.static_map.grid, stack.planner)
+        return jnp.where(new.reached, new.points.astype(robot.path.dtype), robot.path), new.reached
+
+    return lax.cond(planning, planned, lambda: (robot.path, jnp.array(False)))
+
+
+def _back_up(stack: NavigationStack, pose: Array, cost: Array) -> Array:
+    """Speed of the recovery: straight back, or ahead if that is the cheaper end; 0 where both ends are closed (m/s)."""
+    grid, ways = stack.static_map.grid, jnp.array([-1.0, 1.0], pose.dtype)
+    x = pose[0] + ways * stack.backup_dist * jnp.cos(pose[2])
+    y = pose[1] + ways * stack.backup_dist * jnp.sin(pose[2])
+    ends = MapCosts(cost, grid.resolution, grid.origin).at(x, y)
+    return jnp.where(ends.min() < COLLISION, ways[jnp.argmin(ends)] * stack.backup_speed, 0.0)
+
+
+def _step(
+    stack: NavigationStack,
+    words: Array,
+    state: State,
+    begin: Array,
+    cost: Array,
+    path: Array,
+    goal: Array,
+    limits: Limits,
+    record: bool = False,
+) -> tuple[Command, State, Rollouts]:
+    grid = stack.static_map.grid
+    costs = MapCosts(cost, grid.resolution, grid.origin)
+    place = jnp.append(goal, jnp.zeros_like(goal[:1]))
+    key = jax.random.wrap_key_data(words)
+    return step(stack.mppi, state, begin, costs, path, place, key, record, limits)
