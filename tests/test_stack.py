@@ -7,8 +7,10 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+import xarray as xr
 
 from qocjax import Design, Rules, Scenario, evaluate, one_at_a_time, paper_network, replay, run_study, simulate
+from qocjax._math import EXACT
 from qocjax.navigation import (
     STACK_MPPI,
     Disc,
@@ -23,6 +25,7 @@ from qocjax.navigation import (
     snapshot,
 )
 from qocjax.network import Constant, LoopNetwork
+from qocjax.unicycle import Command, Pose, arc
 
 TAU = 0.05
 SMALL = replace(STACK_MPPI, batch_size=64, time_steps=14)
@@ -58,51 +61,53 @@ def test_reaches_the_goal_without_delay() -> None:
     assert float(run.report["no_path_share"][0]) == float(run.report["blocked_share"][0]) == 0.0
 
 
-def test_batch_equals_single_runs() -> None:
-    network = paper_network()
-    caps = (0.4, 0.7)
-    runs = evaluate(SHORT, design(v_max=np.array(caps)), network, [3, 8, 9], controller=STACK, dtype=np.float64)
-    for g, cap in enumerate(caps):
-        for s, seed in enumerate((3, 8, 9)):
-            single = replay(SHORT, design(v_max=cap), network, seed, controller=STACK)
+CAPS = np.array([0.4, 0.7])
+SEEDS = (3, 8, 9)
+
+
+@pytest.fixture(scope="module")
+def batch() -> xr.Dataset:
+    return evaluate(SHORT, design(v_max=CAPS), paper_network(), SEEDS, controller=STACK, dtype=np.float64)
+
+
+def test_batch_equals_single_runs(batch: xr.Dataset) -> None:
+    for g, cap in enumerate(CAPS):
+        for s, seed in enumerate(SEEDS):
+            single = replay(SHORT, design(v_max=cap), paper_network(), seed, controller=STACK)
             for name in ("auc", "path_length", "effort"):
-                np.testing.assert_allclose(runs[name].values[g, s], getattr(single, name), rtol=1e-6)
-            np.testing.assert_allclose(runs["blocked_share"].values[g, s], single.report["blocked_share"])
-    assert runs["auc"].dims == runs["no_path_share"].dims == ("design", "seed", "robot")
+                np.testing.assert_allclose(batch[name].values[g, s], getattr(single, name), rtol=1e-6)
+            np.testing.assert_allclose(batch["blocked_share"].values[g, s], single.report["blocked_share"])
+    assert batch["auc"].dims == batch["no_path_share"].dims == ("design", "seed", "robot")
     # The seeds differ: they draw starts, loop times and rollouts of their own.
-    assert len(np.unique(runs["effort"].values[0])) == 6
+    assert len(np.unique(batch["effort"].values)) == 12
 
 
-def test_float32_agrees_with_float64_over_a_short_run() -> None:
-    runs = [
-        evaluate(SHORT, design(), AT_ONCE, [1, 2], controller=STACK, dtype=dtype)["auc"].values
-        for dtype in (np.float32, np.float64)
-    ]
-    np.testing.assert_allclose(*runs, rtol=1e-3)
-
-
-def test_results_do_not_depend_on_the_batches() -> None:
-    call = lambda runs: evaluate(SHORT, design(), paper_network(), range(4), controller=STACK, max_runs=runs)  # noqa: E731
-    np.testing.assert_array_equal(call(1)["auc"], call(4)["auc"])
+def test_float32_agrees_with_float64_over_a_short_run(batch: xr.Dataset) -> None:
+    narrow = evaluate(SHORT, design(v_max=CAPS), paper_network(), SEEDS, controller=STACK)
+    assert narrow["auc"].dtype == np.float32
+    np.testing.assert_allclose(narrow["auc"], batch["auc"], rtol=1e-3)
 
 
 @pytest.mark.parametrize("deadline", [0.2, 0.23])
 def test_prediction_is_where_the_robot_is_when_its_command_takes_effect(deadline: float) -> None:
-    stack = replace(STACK, predict=True)
-    run = simulate(SHORT, design(deadline), times(), controller=stack)
-    begin, pose = np.asarray(run.view.begin), np.asarray(run.pose)
-    lag = deadline / TAU
-    if lag == round(lag):
-        np.testing.assert_allclose(begin[: 20 - round(lag)], pose[round(lag) : 20], atol=1e-9)
-        return
-    # In between: from the sampling instant before, along the arc of the command that is in force there.
-    whole = int(lag)
-    back = simulate(replace(SHORT, horizon=0.6), design(deadline), times(12), controller=stack)
-    later = simulate(
-        replace(SHORT, horizon=0.6 + deadline - whole * TAU), design(deadline), times(13), controller=stack
+    run = simulate(SHORT, design(deadline), times(), controller=replace(STACK, predict=True))
+    x, y, heading = np.moveaxis(np.asarray(run.pose)[4:20], -1, 0)
+    nu, omega = np.moveaxis(np.asarray(run.command)[4:], -1, 0)
+    # Between sampling instants the command before it is still in force.
+    there = arc(Pose(x, y, np.cos(heading), np.sin(heading), heading), Command(nu, omega), deadline - 0.2, EXACT)
+    np.testing.assert_allclose(
+        np.asarray(run.view.begin)[:16], np.stack([there.x, there.y, there.heading], -1), atol=1e-9
     )
-    np.testing.assert_allclose(np.asarray(back.pose)[:13], np.asarray(later.pose)[:13], atol=1e-9)
-    np.testing.assert_allclose(begin[12 - whole], np.asarray(later.pose)[-1], atol=1e-9)
+
+
+def test_predictions_of_other_robots_leave_one_period_unknown_without_loss() -> None:
+    run = simulate(SHORT, design(0.2), times(), controller=replace(STACK, predict=True))
+    begin, discs, sent = np.asarray(run.view.begin), run.view.obstacles, np.asarray(run.command)[..., 0]
+    for robot, other in ((0, 1), (1, 0)):
+        np.testing.assert_array_equal(np.asarray(discs.x)[:, robot, 0], begin[:, other, 0])
+        np.testing.assert_array_equal(np.asarray(discs.y)[:, robot, 0], begin[:, other, 1])
+        # From the fifth instant on a robot applies the command of four sampling periods ago.
+        np.testing.assert_allclose(np.asarray(discs.speed)[5:, robot, 0], np.abs(sent[5:, other]) * TAU, atol=1e-9)
 
 
 def test_without_prediction_rollouts_start_where_the_robot_was_sampled() -> None:

@@ -11,7 +11,7 @@ from jax import Array, lax
 from qocjax.navigation.costmap import Layers, Obstacles, StaticLayer, costmap_layers
 from qocjax.navigation.critics import COLLISION
 from qocjax.navigation.local_path import MapCosts
-from qocjax.navigation.mppi import Limits, Rollouts, State, predict, step
+from qocjax.navigation.mppi import Limits, Rollouts, State, step
 from qocjax.navigation.planner import plan
 from qocjax.unicycle import Command
 
@@ -28,9 +28,7 @@ class Robot(NamedTuple):
     state: State  # of the local controller
     path: Array  # [L, 2] the last global path (m)
     has_path: Array  # [] whether one was ever found
-    pose: Array  # [3] sampled (m, m, rad)
-    under_way: Array  # [slots, 2] commands computed before, the latest one last (m/s, rad/s)
-    durations: Array  # [slots] how long each is still to be in force (s)
+    begin: Array  # [3] where rollouts and paths begin: the pose sampled, or predicted (m, m, rad)
     obstacles: Obstacles  # [M] the other robots
     goal: Array  # [2] m
     limits: Limits
@@ -62,13 +60,10 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     Returns:
         The command, the state of the local controller for the next cycle, and what the cycle looked at.
     """
-    dtype = robot.pose.dtype
+    dtype, begin = robot.begin.dtype, robot.begin
     cost = _layers(stack, robot.obstacles, dtype).total().astype(dtype)
     path, found = _path(stack, robot, cost, planning)
     has_path = robot.has_path | (planning & found)
-    begin = robot.pose
-    if stack.predict:
-        begin = predict(begin, Command(robot.under_way[:, 0], robot.under_way[:, 1]), robot.durations)
     command, state, rollouts = _step(stack, robot.words, robot.state, begin, cost, path, robot.goal, robot.limits)
     back = _back_up(stack, begin, cost)
     command = Command(jnp.where(rollouts.blocked, back, command.nu), jnp.where(rollouts.blocked, 0.0, command.omega))
@@ -104,7 +99,7 @@ def _path(stack: NavigationStack, robot: Robot, cost: Array, planning: Array) ->
     """A new path where one is due and there is one, else the last."""
 
     def planned() -> tuple[Array, Array]:
-        new = plan(cost, robot.pose[:2], robot.goal, stack.static_map.grid, stack.planner)
+        new = plan(cost, robot.begin[:2], robot.goal, stack.static_map.grid, stack.planner)
         return jnp.where(new.reached, new.points.astype(robot.path.dtype), robot.path), new.reached
 
     return lax.cond(planning, planned, lambda: (robot.path, jnp.array(False)))

@@ -75,12 +75,12 @@ def predict(pose: Array, commands: Command, durations: Array) -> Array:
     Rollouts that start from it, in place of the pose that was sampled, allow for the delay of the loop.
 
     Args:
-        pose: [3] x, y, heading (m, m, rad).
-        commands: Each field [n], in the order in which they are in force.
+        pose: [3, *B] x, y, heading (m, m, rad).
+        commands: Each field [n, *B], in the order in which they are in force.
         durations: [n] (s); 0 for none.
 
     Returns:
-        The pose, [3].
+        The poses, [3, *B].
     """
 
     def move(at: Pose, row: tuple[Command, Array]) -> tuple[Pose, None]:

@@ -17,6 +17,9 @@ from qocjax.navigation.stack import NavigationStack
 __all__ = ["Snapshot", "snapshot"]
 
 
+_look = jax.jit(look, static_argnums=0)
+
+
 class Snapshot(NamedTuple):
     """A cycle, as NumPy arrays."""
 
@@ -49,7 +52,7 @@ def snapshot(stack: NavigationStack, run: Any, tick: int, robot: int) -> Snapsho
         if not _checks.count(name, value, least=0) < count:
             raise ValueError(f"{name}: got {value}, expected below {count}")
     view: View = jax.tree.map(lambda a: a[tick, robot], run.view)
-    layers, rollouts = jax.tree.map(np.asarray, jax.jit(lambda view: look(stack, view))(view))
+    layers, rollouts = jax.tree.map(np.asarray, _look(stack, view))
     discs = view.obstacles
     return Snapshot(
         stack.static_map.grid, layers, np.asarray(view.path), rollouts, np.asarray(view.begin),

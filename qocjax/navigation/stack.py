@@ -5,7 +5,8 @@ known, follows its global path, planned anew at a rate of its own, and draws, ro
 So everything that runs on the surrogate law runs on it. Of a design it reads v_max, omega_max, tau and the deadline.
 
 Layout: what is remembered has the axes [N, *B] of the loop. One cycle of one robot is written once, in
-`qocjax.navigation.cycle`, and is taken over all robots of all runs.
+`qocjax.navigation.cycle`, and is taken over all robots of all runs; `qocjax.navigation.gather` says what it starts
+from.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,11 +25,9 @@ from qocjax import _checks
 from qocjax.controllers.interface import Sight, Task
 from qocjax.navigation.costmap import (
     Inflation,
-    Obstacles,
     StaticLayer,
     check_free,
     costmap_layers,
-    others,
     static_layer,
 )
 from qocjax.navigation.critics import (
@@ -37,17 +36,18 @@ from qocjax.navigation.critics import (
     GoalCritic,
     PreferForwardCritic,
 )
-from qocjax.navigation.cycle import Robot, View, cycle
+from qocjax.navigation.cycle import View, cycle
+from qocjax.navigation.gather import Memory, gather
 from qocjax.navigation.grid import Grid
 from qocjax.navigation.maps import StaticMap, map_of_shapes
-from qocjax.navigation.mppi import Limits, State, initial_state
+from qocjax.navigation.mppi import initial_state
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
 from qocjax.navigation.wavefront import Planner
 from qocjax.scenario import Design, Scenario
 from qocjax.unicycle import Command, Pose
 
-__all__ = ["STACK_MPPI", "Memory", "NavigationStack", "open_floor"]
+__all__ = ["STACK_MPPI", "NavigationStack", "open_floor"]
 
 # Nav2's controller for goals that are places without a heading. For the model's cap of 0.7 m/s, not Nav2's 0.5, speeds
 # are sampled wider, the path seen further (more than v_max times the horizon) and followed harder; with Nav2's values
@@ -69,20 +69,6 @@ STACK_MPPI = MppiConfig(
 _UNREAD = ("eta", "kappa", "gamma", "c_miss", "d_safe")
 
 
-class Memory(NamedTuple):
-    """What the stack remembers of a batch of runs."""
-
-    keys: Array  # [N, *B, 2] words of each robot's random key
-    state: State  # of the local controllers, leaves [N, *B, ...]
-    path: Array  # [N, *B, L, 2] global paths (m)
-    has_path: Array  # [N, *B] whether one was ever found
-    seen: Array  # [P, N, *B, 2] positions at the sampling instants (m)
-    sent: Array  # [slots + P, N, *B, 2] commands computed; the first `slots` are zero
-    plans: Array  # [] plans made so far
-    failed: Array  # [N, *B] of them, how many found no path
-    blocked: Array  # [N, *B] cycles in which every rollout collided
-
-
 @dataclass(frozen=True)
 class NavigationStack:
     """Costmap, global planner and local controller; names and defaults of Nav2's parameters where it has them.
@@ -96,9 +82,10 @@ class NavigationStack:
             wz_max and controller_frequency; wz_max is the largest omega_max that a design may have.
         planner_period: Time between global plans (s), rounded to sampling periods.
         predict: Whether rollouts start from the pose predicted through the commands that are under way, as if none of
-            their loops were missed, instead of the sampled pose. For the actuation `deadline`.
+            their loops were missed, instead of the sampled pose, and other robots are predicted likewise. For the
+            actuation `deadline`.
         xy_goal_tolerance: Within this distance of its goal a robot is told to stand still (m).
-        max_widening: Most by which age x speed widens the inflation around another robot (m).
+        max_widening: Most by which age and speed widen the inflation around another robot (m).
         backup_speed: Where every rollout collides, the robot backs up straight at this speed, as Nav2's recovery does;
             ahead if that is the freer way (m/s).
         backup_dist: How far it looks for that (m).
@@ -205,10 +192,10 @@ class NavigationStack:
         pose, tick, shape = sight.pose, sight.tick, sight.pose.x.shape
         tau = jnp.asarray(task.design.tau)
         seen = lax.dynamic_update_index_in_dim(memory.seen, jnp.stack([pose.x, pose.y], axis=-1), tick, 0)
-        robot = self._robots(task, memory, sight, seen)
+        robots = gather(self, task, memory._replace(seen=seen), sight)
         every = jnp.maximum(jnp.round(self.planner_period / tau), 1).astype(jnp.int32)
         due = tick % every == 0
-        flat = jax.tree.map(lambda a: a.reshape(math.prod(shape), *a.shape[len(shape) :]), robot)
+        flat = jax.tree.map(lambda a: a.reshape(math.prod(shape), *a.shape[len(shape) :]), robots)
         done = _over_robots(lambda one: cycle(self, one, due), flat)
         command, state, view = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), done)
         sent = lax.dynamic_update_index_in_dim(
@@ -228,35 +215,6 @@ class NavigationStack:
             "blocked_share": memory.blocked.astype(dtype) / memory.seen.shape[0],
         }
 
-    def _robots(self, task: Task, memory: Memory, sight: Sight, seen: Array) -> Robot:
-        """What each robot's cycle starts from; leaves [N, *B, ...]."""
-        pose, tick, shape = sight.pose, sight.tick, sight.pose.x.shape
-        dtype, tau = pose.x.dtype, jnp.asarray(task.design.tau)
-        age = jnp.broadcast_to(sight.age, shape)
-        source = jnp.clip(tick - jnp.round(age / tau).astype(jnp.int32), 0, tick)
-        known, told = (_at(rows, source) for rows in (seen, memory.sent[task.slots :]))
-        until = age + task.design.deadline if self.predict else age  # when the rollouts begin
-        wide = jnp.minimum(jnp.abs(told[..., 0]) * until, self.max_widening)
-        x, y, wide = (others(each) for each in (known[..., 0], known[..., 1], wide))
-        obstacles = Obstacles(x, y, jnp.ones_like(x), wide, jnp.full_like(x, self._radius))
-        start = jnp.stack([pose.x, pose.y, pose.heading], axis=-1)
-        under_way = lax.dynamic_slice_in_dim(memory.sent, tick, task.slots)
-        left = task.slots - jnp.arange(task.slots)  # sampling periods ago
-        durations = jnp.where(left <= task.lag, tau, jnp.where(left == task.lag + 1, task.rest, 0.0)).astype(dtype)
-        spread = lambda value, like=shape: jnp.broadcast_to(jnp.asarray(value, dtype), like)  # noqa: E731
-        limits = Limits(spread(task.design.v_max), spread(task.design.omega_max), spread(tau))
-        keys = jax.vmap(lambda words: jax.random.fold_in(jax.random.wrap_key_data(words), tick))
-        words = jax.random.key_data(keys(memory.keys.reshape(-1, 2))).reshape(memory.keys.shape)
-        return Robot(
-            words, memory.state, memory.path, memory.has_path, start, jnp.moveaxis(under_way, 0, -2),
-            spread(durations, (*shape, task.slots)), obstacles, jnp.stack([spread(g) for g in task.goal], axis=-1),
-            limits,
-        )  # fmt: skip
-
-    @property
-    def _radius(self) -> float:
-        return float(np.asarray(self.inflation.robot_radius))
-
 
 def open_floor(scenario: Scenario, margin: float = 1.0, resolution: float = 0.05) -> StaticMap:
     """A map without obstacles that holds all starts and goals.
@@ -270,11 +228,6 @@ def open_floor(scenario: Scenario, margin: float = 1.0, resolution: float = 0.05
     places = np.concatenate([np.asarray(scenario.start)[:, :2], np.asarray(scenario.goal).reshape(-1, 2)])
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
     return map_of_shapes(Grid.covering((low[0], low[1]), (high[0], high[1]), resolution))
-
-
-def _at(rows: Array, index: Array) -> Array:
-    """Row `index[n, ...]` of [P, N, *B, 2] for each robot and run: [N, *B, 2]."""
-    return jnp.take_along_axis(rows, index[None, ..., None], axis=0, mode="promise_in_bounds")[0]
 
 
 def _over_robots(kernel: Any, robots: Any) -> Any:
