@@ -150,11 +150,18 @@ ControllerConfig = Annotated[ApfConfig | NavigationConfig, Field(discriminator="
 
 
 def map_of(scenario: Scenario, name: str | None, margin: float = 1.0, resolution: float = 0.05) -> StaticMap:
-    """The map of a scenario: a file of `conf/maps` or of the working directory, or open floor where there is none."""
+    """The map of a scenario: a file of `conf/maps` or of the working directory, or open floor where there is none.
+
+    Raises:
+        ValueError: There is no such file, or it is no map.
+    """
     if name is None:
         return open_floor(scenario, margin, resolution)
-    shipped = conf_dir() / "maps" / name
-    return read_map(shipped if shipped.is_file() else Path(name))
+    places = (conf_dir() / "maps" / name, Path(name))
+    found = next((place for place in places if place.is_file()), None)
+    if found is None:
+        raise ValueError(f"scenario.map: got {name}, expected a map file of {places[0].parent} or a path to one")
+    return read_map(found)
 
 
 def _critic(name: str, given: dict[str, Any]) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,7 +14,7 @@ from qocjax.figures.tables import check_table
 __all__ = ["prediction_gain"]
 
 _NUMBERS = ("deadline", "sampled", "sampled_se", "predicted", "predicted_se")
-_SHOWN = {"auc": "AUC (s)", "path_length": "Path length (m)", "collided": "Share of runs with a collision"}
+_SHOWN = {"auc": "AUC (s)", "path_length": "Path length (m)", "collided": "Runs with a collision"}
 _LINES = {
     "sampled": ("from the sampled pose", OKABE_ITO[1], "o"),
     "predicted": ("from the predicted pose", OKABE_ITO[0], "s"),
@@ -41,7 +42,7 @@ def prediction_gain(table: pd.DataFrame, *, width: float = DOUBLE_COLUMN, height
         grid = figure.subplots(len(scenarios), len(_SHOWN), sharex=True, squeeze=False)
         for panels, scenario in zip(grid, scenarios, strict=True):
             for axes, (metric, label) in zip(panels, _SHOWN.items(), strict=True):
-                _draw(axes, table[(table["scenario"] == scenario) & (table["metric"] == metric)])
+                _draw(axes, table[(table["scenario"] == scenario) & (table["metric"] == metric)], metric == "collided")
                 axes.set_ylabel(label)
                 axes.set_ylim(bottom=0)
             panels[1].set_title(scenario.capitalize())
@@ -52,10 +53,12 @@ def prediction_gain(table: pd.DataFrame, *, width: float = DOUBLE_COLUMN, height
     return figure
 
 
-def _draw(axes: Axes, rows: pd.DataFrame) -> None:
+def _draw(axes: Axes, rows: pd.DataFrame, share: bool) -> None:
     for name, (label, colour, marker) in _LINES.items():
+        mean, half = rows[name], 2 * rows[f"{name}_se"]
+        bars = np.minimum(half, [mean, (1.0 if share else np.inf) - mean])  # none beyond what can be
         axes.errorbar(
-            1e3 * rows["deadline"], rows[name], 2 * rows[f"{name}_se"], label=label, color=colour, marker=marker,
-            ms=3.5, capsize=1.5, elinewidth=0.7,
+            1e3 * rows["deadline"], mean, bars, label=label, color=colour, marker=marker, ms=3.5, capsize=1.5,
+            elinewidth=0.7,
         )  # fmt: skip
     axes.grid(axis="y", color=GREY, lw=0.3, alpha=0.4)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import matplotlib.colors
 import numpy as np
@@ -14,31 +13,36 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import Normal, Stroke
 
 from qocjax.figures.paths import Paths, RunLike, check_run, closest_approach, travel_time
+from qocjax.figures.plane import GOAL, NAMED, Colour, MapLike, colours_of, draw_body, draw_goals, draw_map
 from qocjax.figures.quantities import milliseconds
-from qocjax.figures.style import GREY, OKABE_ITO, SINGLE_COLUMN, paper_style, sequence
+from qocjax.figures.style import GREY, SINGLE_COLUMN, paper_style
 
 __all__ = ["trajectories"]
 
-_NAMED = len(OKABE_ITO)  # robots up to which each has a colour of its own and a line in the legend
 _NICE = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # s, between time marks
 _MARKS = 6  # time marks wanted on the way to the goal
-_GOAL: dict[str, Any] = {"ls": "", "marker": "*", "ms": 7, "mfc": "w", "mec": "k", "mew": 0.7}
-
-Colour = str | tuple[float, float, float, float]
 
 
-def trajectories(run: RunLike, *, mark_every: float | None = None, width: float = SINGLE_COLUMN) -> Figure:
+def trajectories(
+    run: RunLike,
+    *,
+    mark_every: float | None = None,
+    static_map: MapLike | None = None,
+    width: float = SINGLE_COLUMN,
+) -> Figure:
     """Draws the robots' paths with marks in time, and close views of the closest approach and the end.
 
     A robot is its body with an arrow for the heading, in a safety disc of diameter `d_safe`: two safety discs overlap
     exactly when the robots are nearer than `d_safe`, two bodies when they collide. The large panel shows the robots at
     the start and, for the closest approach and the end, where their discs lie (solid and dashed). Paths are thin once
     every robot has come within 2 d_safe of its goal to stay. In the close views the path of the time between two marks
-    that led there is heavy. For more robots than there are colours, the shade runs with the robot's number.
+    that led there is heavy. For more robots than there are colours, the shade runs with the robot's number. Goals of
+    their own have the colours of their robots.
 
     Args:
         run: The run.
         mark_every: Seconds between time marks; by default a round number that gives about six.
+        static_map: Drawn underneath.
         width: Inches; the height follows from the paths.
 
     Returns:
@@ -50,11 +54,15 @@ def trajectories(run: RunLike, *, mark_every: float | None = None, width: float 
     if mark_every is not None and not 0.0 < mark_every < np.inf:
         raise ValueError(f"mark_every: got {mark_every}, expected a positive time in seconds")
     paths = check_run(run)
-    colours = _colours(paths.pose.shape[1])
+    colours = colours_of(paths.pose.shape[1])
     every = mark_every or _mark_spacing(paths)
     meeting = closest_approach(paths.pose)
     with paper_style():
-        figure, panels = _panels(paths, width, views=meeting is not None)
+        figure, panels = _panels(paths, static_map, width, views=meeting is not None)
+        if static_map is not None:
+            panels[0].set_adjustable("box")
+            for panel in panels:
+                draw_map(panel, static_map)
         _draw_overview(panels[0], paths, colours, every, meeting)
         if meeting is not None:
             tick, *pair = meeting
@@ -66,21 +74,18 @@ def trajectories(run: RunLike, *, mark_every: float | None = None, width: float 
     return figure
 
 
-def _colours(robots: int) -> list[Colour]:
-    if robots <= _NAMED:
-        return list(OKABE_ITO[:robots])
-    return list(sequence(robots))
-
-
 def _extent(paths: Paths) -> float:
     """Returns how wide a robot is drawn, also where it has no safety disc."""
     return max(paths.d_safe, 3.0 * paths.robot_radius, 0.05)
 
 
-def _panels(paths: Paths, width: float, *, views: bool) -> tuple[Figure, list[Axes]]:
+def _panels(paths: Paths, static_map: MapLike | None, width: float, *, views: bool) -> tuple[Figure, list[Axes]]:
     """Lays out the overview and two square views, below it in one column and beside it in two. Sizes in inches."""
     points = np.concatenate([paths.pose[..., :2].reshape(-1, 2), paths.reference.reshape(-1, 2), paths.goal])
     spread = np.ptp(points, axis=0) + 1.2 * _extent(paths)
+    if static_map is not None:
+        x_from, x_to, y_from, y_to = static_map.grid.extent
+        spread = np.array([x_to - x_from, y_to - y_from])
     ratio = float(np.clip(spread[1] / spread[0], 0.4, 1.4))
     label, title, legend = 0.5, 0.6, 0.55  # room for tick labels at the left, for a title and ticks below, on top
     beside = views and width > 1.5 * SINGLE_COLUMN
@@ -107,7 +112,7 @@ def _draw_overview(
     panel: Axes, paths: Paths, colours: Sequence[Colour], every: float, meeting: tuple[int, int, int] | None
 ) -> None:
     """Draws references, goals, whole paths, time marks, and the robots at the start; discs for later instants."""
-    many = len(colours) > _NAMED
+    many = len(colours) > NAMED
     for path in np.moveaxis(paths.reference, 1, 0):
         panel.plot(*path.T, color=GREY, ls=(0, (4, 2)), lw=0.4 if many else 0.8, zorder=1.5)
     arrived = int(np.searchsorted(paths.time, travel_time(paths)))
@@ -120,7 +125,7 @@ def _draw_overview(
         _draw_disc(panel, paths, paths.time.size - 1, robot, colour, "--")
         if meeting is not None and (robot in meeting[1:] or not many):
             _draw_disc(panel, paths, meeting[0], robot, colour, "-")
-    _draw_goals(panel, paths)
+    draw_goals(panel, paths.goal, colours)
     _draw_marks(panel, paths, colours, every)
 
 
@@ -129,7 +134,7 @@ def _draw_view(
 ) -> None:
     """Draws the robots at one instant, with how they came there, in a window around some of them."""
     since = int(np.searchsorted(paths.time, paths.time[tick] - every))
-    many = len(colours) > _NAMED
+    many = len(colours) > NAMED
     for robot, colour in enumerate(colours):
         x, y = paths.pose[: tick + 1, robot, :2].T
         panel.plot(x, y, color=colour, lw=0.4, alpha=0.5, zorder=2)
@@ -137,16 +142,12 @@ def _draw_view(
         _draw_robot(panel, paths, tick, robot, colour)
         if not many or (robot in around and len(around) == 2):
             _draw_disc(panel, paths, tick, robot, colour, style)
-    _draw_goals(panel, paths)
+    draw_goals(panel, paths.goal, colours)
     shown = paths.pose[tick, list(around), :2]
     centre = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
     reach = 0.5 * float(np.ptp(shown, axis=0).max()) + 0.7 * _extent(paths)
     panel.set_xlim(centre[0] - reach, centre[0] + reach)
     panel.set_ylim(centre[1] - reach, centre[1] + reach)
-
-
-def _draw_goals(panel: Axes, paths: Paths) -> None:
-    panel.plot(*paths.goal.T, **_GOAL, zorder=6)
 
 
 def _draw_disc(panel: Axes, paths: Paths, tick: int, robot: int, colour: Colour, style: str) -> None:
@@ -157,11 +158,7 @@ def _draw_disc(panel: Axes, paths: Paths, tick: int, robot: int, colour: Colour,
 
 
 def _draw_robot(panel: Axes, paths: Paths, tick: int, robot: int, colour: Colour) -> None:
-    x, y, heading = paths.pose[tick, robot]
-    panel.add_patch(Circle((x, y), paths.robot_radius, fc=(1.0, 1.0, 1.0, 0.7), ec=colour, lw=0.9, zorder=4.5))
-    length = 0.5 * _extent(paths)  # to the rim of the disc
-    panel.quiver(x, y, length * np.cos(heading), length * np.sin(heading), angles="xy", scale_units="xy", scale=1,
-                 units="inches", width=0.013, headwidth=4, headlength=4.5, color=colour, zorder=5)  # fmt: skip
+    draw_body(panel, paths.pose[tick, robot], paths.robot_radius, colour, 0.5 * _extent(paths))  # to the disc's rim
 
 
 def _mark_spacing(paths: Paths) -> float:
@@ -174,11 +171,11 @@ def _draw_marks(panel: Axes, paths: Paths, colours: Sequence[Colour], every: flo
     span = travel_time(paths) - paths.time[0]
     times = paths.time[0] + every * np.arange(1, int(span / every + 1e-9) + 1)
     ticks = np.searchsorted(0.5 * (paths.time[1:] + paths.time[:-1]), times)  # the nearest
-    size = 2.8 if len(colours) <= _NAMED else 1.3
+    size = 2.8 if len(colours) <= NAMED else 1.3
     for robot, colour in enumerate(colours):
         panel.plot(*paths.pose[ticks, robot, :2].T, ls="", marker="o", ms=size, color=colour, mec="w", mew=0.3,
                    zorder=4)  # fmt: skip
-    if len(colours) > _NAMED:
+    if len(colours) > NAMED:
         return
     taken = [paths.pose[0, 0, :2], *paths.goal]
     apart = 0.08 * np.ptp(paths.pose[..., :2], axis=(0, 1)).max()
@@ -195,7 +192,7 @@ def _draw_marks(panel: Axes, paths: Paths, colours: Sequence[Colour], every: flo
 
 
 def _add_legend(figure: Figure, paths: Paths, colours: Sequence[Colour], every: float) -> None:
-    if len(colours) <= _NAMED:
+    if len(colours) <= NAMED:
         shade = colours[0]
         texts = [f"robot {number}, AUC {_digits(auc, 3)} s" for number, auc in enumerate(paths.auc, start=1)]
         robots = [Line2D([], [], color=c, lw=1.2, label=text) for c, text in zip(colours, texts, strict=True)]
@@ -206,7 +203,7 @@ def _add_legend(figure: Figure, paths: Paths, colours: Sequence[Colour], every: 
     disc = r"safety disc ($d_\mathrm{safe}$)"
     others = [
         Line2D([], [], color=GREY, ls=(0, (4, 2)), lw=0.8, label="reference"),
-        Line2D([], [], **_GOAL, label="goal"),
+        Line2D([], [], **GOAL, label="goal"),
         Line2D([], [], ls="", marker="o", ms=2.8, color=shade, label=f"every {every:g} s"),
         Line2D([], [], ls="", marker="o", ms=8, mfc="none", mec=shade, mew=0.7, label=disc),
     ]

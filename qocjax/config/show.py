@@ -1,0 +1,66 @@
+"""Configuration of `python -m qocjax.show`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from qocjax import _checks
+from qocjax.config.controller import map_of
+from qocjax.config.part import Part
+from qocjax.config.simulation import SimulationConfig
+from qocjax.figures.film import FORMATS, find_ffmpeg
+from qocjax.navigation import StaticMap
+from qocjax.scenario import Design
+
+__all__ = ["ShowConfig"]
+
+
+class ShowOptions(Part):
+    """Which run, and what of it is drawn."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    deadline_ms: float
+    at: float | None
+    robot: int
+    format: str
+    fps: float
+    until: float | None
+
+
+class ShowConfig(SimulationConfig):
+    """Everything that `python -m qocjax.show` reads."""
+
+    show: ShowOptions
+    figures: bool
+
+    def build_map(self) -> StaticMap | None:
+        """The map that the scenario names; None on open floor.
+
+        Raises:
+            ValueError: There is no such file, or it is no map.
+        """
+        return None if self.scenario.map is None else map_of(self.build_scenario(), self.scenario.map)
+
+    def build_design(self) -> Design:
+        """The design that is shown.
+
+        Raises:
+            ValueError: A value of it, or of what is drawn, is out of range.
+        """
+        options = self.show
+        _checks.bounded("show.deadline_ms", options.deadline_ms, least=0)
+        if _checks.choice("show.format", options.format, FORMATS) == "mp4" and self.figures:
+            find_ffmpeg()
+        _checks.bounded("show.fps", options.fps, above=0, most=100)
+        if options.at is not None:
+            _checks.bounded("show.at", options.at, least=0, most=self.scenario.horizon)
+        if options.until is not None:
+            _checks.bounded("show.until", options.until, above=0)
+        robots = len(self.scenario.start)
+        if not 1 <= options.robot <= robots:
+            raise ValueError(f"show.robot: got {options.robot}, expected 1 to {robots}")
+        return replace(self.baseline(), deadline=np.float64(options.deadline_ms) / 1e3)
