@@ -147,6 +147,13 @@ def test_float32_stays_float32(wide: bool) -> None:
     assert (runs.attrs["math"], runs.attrs["dtype"], fast.attrs["math"]) == ("polynomial", "float32", "exact")
 
 
+@pytest.mark.parametrize("hold", ["zero", "timeout", "decay"])
+def test_holds_stay_float32_under_x64(hold: str) -> None:
+    assert (
+        evaluate(CLOSE, Design(tau=0.1, deadline=0.23), NETWORK, [0], rules=Rules(hold=hold))["auc"].dtype == np.float32
+    )
+
+
 def test_what_comes_back_is_labelled_and_progress_adds_up() -> None:
     done: list[int] = []
     runs = evaluate(CLOSE, GRID, GivenNetwork(), [4, 9], progress=done.append, max_runs=4)

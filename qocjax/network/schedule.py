@@ -144,7 +144,7 @@ def _gains(
     tick = _ticks_like(source)
     if rules.hold == "zero":
         missed, _ = _running_max(_missed_verdicts(completed, deadline, tau, rules))
-        moving = (source >= missed).astype(jnp.result_type(float))
+        moving = (source >= missed).astype(jnp.result_type(tau, float))
         earlier = jnp.concatenate([jnp.ones_like(moving[:1]), moving[:-1]])
         return jnp.where(mid_tick, earlier, moving), moving
     age = (tick - jnp.maximum(at_start, 0)) * tau

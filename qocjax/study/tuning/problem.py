@@ -12,7 +12,7 @@ import xarray as xr
 from jax import Array
 
 from qocjax.batch.evaluate import run_grid
-from qocjax.batch.runner import metrics
+from qocjax.batch.runner import Drawn, metrics
 from qocjax.closed_loop import Plan
 from qocjax.quality import qoc, qoc_slope
 from qocjax.scenario import Design, Scenario
@@ -91,15 +91,14 @@ class _RobotSlopes:
 
     names: tuple[str, ...]
 
-    def __call__(
-        self, scenario: Scenario, design: Design, start: Array, loop_times: Array, ticks: Array, plan: Plan
-    ) -> dict[str, Array]:
+    def __call__(self, scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan) -> dict[str, Array]:
         """The measure, [N, designs, seeds] each."""
+        start = drawn.start
         shape = (1, jnp.shape(design.kappa)[1], start.shape[-1])
         values = {name: jnp.broadcast_to(getattr(design, name), shape) for name in self.names}
 
         def auc(values: dict[str, Array]) -> Array:
-            return metrics(scenario, replace(design, **values), start, loop_times, ticks, plan)["auc"]
+            return metrics(scenario, replace(design, **values), drawn, ticks, plan)["auc"]
 
         basis = {
             name: jnp.zeros((len(self.names), *shape), start.dtype).at[k].set(1.0) for k, name in enumerate(self.names)
