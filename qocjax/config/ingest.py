@@ -19,7 +19,7 @@ from qocjax.recorded.stamps import StampsFormat
 from qocjax.recorded.topics import TopicPatterns
 from qocjax.scenario import NORMALISERS
 
-__all__ = ["IngestConfig"]
+__all__ = ["IngestConfig", "ReadingConfig"]
 
 _REFERENCES = ("nominal", "uncapped")
 
@@ -173,22 +173,22 @@ class LabelsConfig(Part):
         return Labels.of(self.pattern, self.file)
 
 
-class IngestConfig(Part):
-    """Everything that `python -m qocjax.ingest` reads."""
+class ReadingConfig(Part):
+    """Where recorded runs lie, and how they are read and judged."""
 
     path: str
-    robot: RobotConfig
     topics: TopicsConfig
     quality: QualityConfig
     stamps: StampsConfig
     clock: ClockConfig
     clean: CleanConfig
     labels: LabelsConfig
-    deadline_ms: list[float]
-    figures: bool
 
-    def build(self) -> Rules:
+    def rules(self, radius: float) -> Rules:
         """How runs are read and judged.
+
+        Args:
+            radius: Of a robot (m).
 
         Raises:
             ValueError: A value is out of range.
@@ -199,13 +199,30 @@ class IngestConfig(Part):
             _checks.bounded(f"clean.{name}", value, above=0)
         for name in ("window", "largest_uncertainty_ms", "step_ms"):
             _checks.bounded(f"clock.{name}", getattr(clock, name), above=0)
-        if not self.deadline_ms or not all(math.isfinite(ms) and ms >= 0 for ms in self.deadline_ms):
-            raise ValueError(f"deadline_ms: got {self.deadline_ms}, expected one or more finite numbers >= 0")
         return Rules(
             self.topics.build(), self.stamps.build(),
             ClockRules(clock.same, clock.window, clock.largest_uncertainty_ms / 1e3, clock.step_ms / 1e3, missing),
-            Cleaning(window=clock.window, **clean), self.quality.build(self.robot.radius), self.topics.same_clock,
+            Cleaning(window=clock.window, **clean), self.quality.build(radius), self.topics.same_clock,
         )  # fmt: skip
+
+
+class IngestConfig(ReadingConfig):
+    """Everything that `python -m qocjax.ingest` reads."""
+
+    robot: RobotConfig
+    deadline_ms: list[float]
+    figures: bool
+
+    def build(self) -> Rules:
+        """How runs are read and judged.
+
+        Raises:
+            ValueError: A value is out of range.
+        """
+        rules = self.rules(self.robot.radius)
+        if not self.deadline_ms or not all(math.isfinite(ms) and ms >= 0 for ms in self.deadline_ms):
+            raise ValueError(f"deadline_ms: got {self.deadline_ms}, expected one or more finite numbers >= 0")
+        return rules
 
 
 def _numbers(name: str, values: list[float], count: int) -> tuple[float, ...]:
