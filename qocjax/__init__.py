@@ -15,7 +15,7 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale, qoc
 from qocjax.scenario import Design, Scenario
 from qocjax.simulate import Run, simulate
-from qocjax.study import Study, one_at_a_time, replay, run_study
+from qocjax.study import Study, one_at_a_time, open_study, replay, run_study
 
 __version__ = "0.1.0"
 
@@ -31,6 +31,7 @@ __all__ = [
     "gradient",
     "kth_5g_network",
     "one_at_a_time",
+    "open_study",
     "paper_network",
     "qoc",
     "read_trace",

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NoReturn
 
 import hydra
 import jax
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from qocjax.batch.evaluate import unit_of
 from qocjax.batch.xla import request_whole_loop
 from qocjax.config import conf_dir
 
-__all__ = ["command", "output_dir", "printed_unit"]
+__all__ = ["command", "given_options", "output_dir", "printed_unit"]
 
 
 def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
@@ -31,10 +35,9 @@ def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], 
             except (ValueError, TypeError, OSError) as error:
                 if os.environ.get("QOCJAX_TRACEBACK"):
                     raise
-                print(f"error: {error}", file=sys.stderr)
-                sys.exit(2)
-            except KeyboardInterrupt:
-                print("stopped", file=sys.stderr)
+                _fail(error)
+            except KeyboardInterrupt as stop:
+                print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
                 sys.exit(130)
 
         run = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(guarded)
@@ -42,11 +45,35 @@ def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], 
         @functools.wraps(main)
         def entry() -> None:
             _set_up_jax()
-            run()
+            OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
+            os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
+            try:
+                run()
+            except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
+                if os.environ.get("QOCJAX_TRACEBACK"):
+                    raise
+                cause = error.__cause__  # the log that cannot be written comes out as a ValueError of `logging`
+                _fail(cause if isinstance(cause, OSError) else error)
 
         return entry
 
     return wrap
+
+
+def _fail(error: Exception) -> NoReturn:
+    """Ends the program with an error in one line."""
+    text = str(error).partition("Config search path")[0].strip()  # Hydra lists folders there
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        text = f"{error.filename}: {error.strerror}"
+    for lines, line in ((r":\s*\n\s*", ": "), (r"\.\s*\n\s*", ". "), (r"\s*\n\s*", ", ")):
+        text = re.sub(lines, line, text)
+    print(f"error: {text}", file=sys.stderr)
+    sys.exit(2)
+
+
+def _first_given(*values: Any) -> Any:
+    """The first value that is not null, for interpolations."""
+    return next((value for value in values if value is not None), None)
 
 
 def _set_up_jax() -> None:
@@ -61,6 +88,11 @@ def _set_up_jax() -> None:
 def output_dir() -> Path:
     """Folder of this run's results."""
     return Path(HydraConfig.get().runtime.output_dir)
+
+
+def given_options() -> list[str]:
+    """Names of the options that the command line gives, without those of Hydra itself."""
+    return [re.split(r"[=@]", option.lstrip("+~"))[0] for option in HydraConfig.get().overrides.task]
 
 
 def printed_unit(name: str) -> str:

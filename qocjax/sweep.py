@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import fields
 from pathlib import Path
@@ -14,15 +14,26 @@ import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax._command import command, output_dir
+from qocjax._command import command, given_options, output_dir
 from qocjax.config import StudyConfig, load
+from qocjax.config.controller import map_of
+from qocjax.config.study import FREE, data_of
 from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
-from qocjax.network.interface import Network
+from qocjax.report import study_page, write_study_report
 from qocjax.scenario import Design, num_ticks
 from qocjax.simulate import Run
 from qocjax.store import provenance, write_config, write_json, write_table
-from qocjax.study import Study, replay, run_study
+from qocjax.store.files import digest_of
+from qocjax.store.provenance import change_of
+from qocjax.store.study_folder import RECORD, ChunkFolder, read_identity, study_folder
+from qocjax.study import Study, replay
+from qocjax.study.arrays import check_arrays, write_arrays
+from qocjax.study.chunks import Problem
+from qocjax.study.grid import Grid
+from qocjax.study.replays import policy_runs
+from qocjax.study.sweep import study_of
+from qocjax.study.table import sound, units_of
 
 __all__ = ["main", "policy_text", "run"]
 
@@ -30,52 +41,87 @@ __all__ = ["main", "policy_text", "run"]
 def run(
     config: StudyConfig, folder: Path | None = None, *, quiet: bool = False, drawing: Executor | None = None
 ) -> Study:
-    """Runs the study of a configuration.
+    """Runs the study of a configuration, or what of it the folder does not hold yet.
 
     Args:
         config: What to simulate.
-        folder: Where tables, figures and the record go; None writes nothing.
+        folder: Where chunks, tables, figures and the record go; None keeps all in memory.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
         drawing: A process that draws half of the figures, from `process_beside`.
 
     Raises:
-        ValueError: A value of the configuration is out of range.
+        ValueError: A value of the configuration is out of range, or the folder holds another study.
+        OSError: The folder cannot be written, or the disk is full.
     """
-    scenario, network, grid = config.build_scenario(), config.build_network(), config.build_grid()
-    rules, scale = config.loop.build(), config.scale()
-    selection, evaluation = config.seeds()
-    ticks = sum(num_ticks(scenario.horizon, tau) for tau in np.asarray(grid.designs.tau))
-    bar = tqdm(
-        total=ticks * len(selection) * scenario.num_robots,
-        desc="simulating", unit=" robot-steps", unit_scale=True, file=sys.stderr, disable=True if quiet else None,
-    )  # fmt: skip
-    with bar:
-        study = run_study(
-            scenario, grid, network, selection, evaluation,
-            rules=rules, key=config.key, min_reliability=config.sweep.min_reliability, scale=scale,
-            progress=lambda steps: bar.update(min(steps, bar.total - bar.n)),
-        )  # fmt: skip
-    if folder is not None:
-        _write(study, config, network, folder)
-        if config.figures:
-            shown = jax.tree.map(np.asarray, representative_run(study, config, network))
-            draw_study(study.results, study.policies, shown, folder / "figures", drawing)
+    problem, grid = config.build_problem(), config.build_grid()
+    if folder is None:
+        return _simulate(config, problem, grid, None, quiet)
+    if config.arrays:
+        check_arrays()
+    with study_folder(folder, config.identity(), data_of(problem), _note) as chunks:
+        write_config(folder, config.model_dump())
+        study = _simulate(config, problem, grid, chunks, quiet)
+        for text in change_of(study.made_with):
+            _note(text)
+        digests = _write_tables(study, folder)
+        if config.arrays:
+            write_arrays(study, folder)
+        with ThreadPoolExecutor(1) as aside:  # most of a report is compiling what runs the replays
+            reported = aside.submit(_write_report, study, config, problem, folder) if config.report else None
+            if config.figures:
+                shown = jax.tree.map(np.asarray, representative_run(study, config, problem))
+                draw_study(*sound(study.results, study.policies), shown, folder / "figures", drawing)
+            if reported is not None:
+                reported.result()
+        _write_record(study, config, problem, digests, folder)
     return study
 
 
-def representative_run(study: Study, config: StudyConfig, network: Network) -> Run:
+def _write_report(study: Study, config: StudyConfig, problem: Problem, folder: Path) -> None:
+    rules, controller = problem.rules, problem.controller
+    runs = policy_runs(study, problem.scenario, problem.network, rules=rules, key=problem.key, controller=controller)
+    name = config.scenario.map
+    room = None if name is None else map_of(problem.scenario, name)
+    page = study_page(folder.resolve().name, study, problem, runs, room)
+    write_study_report(folder / "report.html", page)
+
+
+def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFolder | None, quiet: bool) -> Study:
+    selection, evaluation = config.seeds()
+    ticks = sum(num_ticks(problem.scenario.horizon, tau) for tau in np.asarray(problem.designs.tau))
+    bar = tqdm(
+        total=ticks * len(selection) * problem.scenario.num_robots,
+        desc="simulating", unit=" robot-steps", unit_scale=True, file=sys.stderr, disable=True if quiet else None,
+    )  # fmt: skip
+    with bar, config.engine.open(_note) as engine:
+        return study_of(
+            problem, grid, selection, evaluation,
+            min_reliability=config.sweep.min_reliability, scale=config.scale(), shelf=chunks, engine=engine,
+            chunk_steps=config.chunk_steps, progress=lambda steps: bar.update(min(steps, bar.total - bar.n)),
+        )  # fmt: skip
+
+
+def _note(text: str) -> None:
+    tqdm.write(f"note: {text}", file=sys.stderr)
+
+
+def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
     """The baseline, at the deadline of its best QoC, on the evaluation seed whose AUC there is the median."""
     row = _baseline_row(study.results, config.baseline())
     design = Design(**{item.name: float(study.results.loc[row, item.name]) for item in fields(Design)})
     runs = study.runs.isel(design=_design_at(study, design))
     auc = runs["auc"].mean("robot").values
     seed = int(runs["seed"].values[np.argsort(auc)[len(auc) // 2]])
-    rules = config.loop.build()
-    return replay(config.build_scenario(), design, network, seed, rules=rules, key=config.key)
+    rules, controller = problem.rules, problem.controller
+    return replay(problem.scenario, design, problem.network, seed, rules=rules, key=problem.key, controller=controller)
 
 
 def _baseline_row(results: pd.DataFrame, baseline: Design) -> int:
-    """Row of the best QoC among those that hold the baseline; the best of all where no grid holds it."""
+    """Row of the best QoC among those that hold the baseline; the best of all where no grid holds it.
+
+    What diverged or failed is left out.
+    """
+    results = results[results["diverged_share"] == 0]
     names = [item.name for item in fields(Design) if item.name != "deadline"]
     held = np.all([np.isclose(results[name], getattr(baseline, name)) for name in names], axis=0)
     rows = results[held] if held.any() else results
@@ -104,37 +150,87 @@ def policy_text(policies: pd.DataFrame) -> str:
             ],
         }
     )  # fmt: skip
+    if "error" in policies:
+        table["error"] = policies["error"]
     table["sweep"] = table["sweep"].where(~table["sweep"].duplicated(), "")
     return table.to_string(index=False)
 
 
-def _write(study: Study, config: StudyConfig, network: Network, folder: Path) -> None:
-    write_table(folder / "results", study.results)
-    write_table(folder / "policies", study.policies)
-    write_config(folder, config.model_dump())
+def diverged_text(results: pd.DataFrame) -> str:
+    """What diverged, a line for each value of a sweep; nothing where nothing did."""
+    rows = results[results["diverged_share"] > 0]
+    lines = [
+        f"  {sweep} = {value:g}: {len(part)} deadlines, in up to {part['diverged_share'].max():.1%} of the runs"
+        for (sweep, value), part in rows.groupby(["sweep", "value"], sort=False)
+    ]
+    return "\n".join(["Designs that diverged in some run, and are not chosen:", *lines]) if lines else ""
+
+
+def _write_tables(study: Study, folder: Path) -> dict[str, str]:
+    """Writes the tables; returns the digest of each file."""
+    paths = []
+    for name, table in (("results", study.results), ("policies", study.policies)):
+        table = table.copy(deep=False)
+        table.attrs = {"units": units_of(table), "configuration": dict(study.configuration or {})}
+        paths += write_table(folder / name, table)
+    return {path.name: digest_of(path) for path in paths}
+
+
+def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: dict[str, str], folder: Path) -> None:
     selection, evaluation = config.seeds()
     record = {
         "j_med": study.scale.median,
         "j_max": study.scale.largest,
         "seeds": {"selection": [selection.start, selection.stop], "evaluation": [evaluation.start, evaluation.stop]},
         "key": config.key,
-        "network": network.describe(),
-        "path": dict(study.runs.attrs),
+        "network": problem.network.describe(),
+        "path": {name: study.runs.attrs[name] for name in ("math", "dtype")},
+        "configuration": study.configuration,
+        "tables": digests,
+        "failures": dict(study.failures),
+        "made_with": list(study.made_with),
+        "chunks": list(study.chunks),
     }
-    write_json(folder / "record.json", record | provenance())
+    write_json(folder / RECORD, record | provenance())
+
+
+def _resumed(config: StudyConfig, folder: Path) -> StudyConfig:
+    """The configuration of the folder, with what may change; the given one where it was given.
+
+    Raises:
+        ValueError: The folder is not the one that the results go to, or holds no study.
+    """
+    if config.resume is None:
+        return config
+    if Path(config.resume).resolve() != folder.resolve():
+        raise ValueError(f"resume: got {config.resume} with results in {folder}, expected one folder")
+    there = read_identity(folder)["configuration"]
+    if any(name.split(".")[0] not in FREE for name in given_options()):
+        return config  # what was asked for, to be compared with what is there
+    return StudyConfig.model_validate({**config.model_dump(include=set(FREE)), **there})
 
 
 @command("sweep")
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config = load(StudyConfig, cfg)
     folder = output_dir()
-    with process_beside() if config.figures else nullcontext() as drawing:
-        study = run(config, folder, drawing=drawing)
+    config = _resumed(load(StudyConfig, cfg), folder)
+    try:
+        with process_beside() if config.figures else nullcontext() as drawing:
+            study = run(config, folder, drawing=drawing)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"resume={folder} goes on") from None
     print(policy_text(study.policies))
+    if text := diverged_text(study.results):
+        print(f"\n{text}")
     scale = study.scale
     print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
     print(f"Tables, figures and the record are in {folder}")
+    if study.failures:
+        causes = "; ".join(sorted(set(study.failures.values())))
+        print(f"error: {len(study.failures)} chunks failed ({causes}); their rows are marked in the tables, "
+              f"resume={folder} tries them again", file=sys.stderr)  # fmt: skip
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -226,7 +226,8 @@ def _in_parallel(
     run: Callable[[Batch], dict], batches: Iterable[Batch], pool: Executor | None
 ) -> Iterator[tuple[Batch, dict]]:
     """Runs batches on the workers, a few ahead of what is taken, so that memory does not grow with the grid."""
-    workers, wide, device = num_workers(), jnp.result_type(float) == jnp.float64, jax.config.jax_default_device
+    workers, wide = num_workers(), jnp.result_type(float) == jnp.float64
+    device = getattr(jax.config, "jax_default_device", None)
 
     def alike(batch: Batch) -> dict[str, np.ndarray]:
         # Settings of the calling thread, which others do not see by themselves.

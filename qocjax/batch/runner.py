@@ -120,7 +120,7 @@ class Runner:
         plan = Plan(self.rules, math, slots, group.mid_tick, lag=lag, controller=self.controller)
         leaves, structure = jax.tree.flatten(args)
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
-        key = (self.measure, plan, structure, shapes, jax.config.jax_default_device)
+        key = (self.measure, plan, structure, shapes, getattr(jax.config, "jax_default_device", None))
         program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=4).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
@@ -133,7 +133,7 @@ class Runner:
             ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
         args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
         shapes = (*map(np.shape, args[::3]), self.start.dtype)
-        key = (self.network, *shapes, args[1], ticks, tau, jax.config.jax_default_device)
+        key = (self.network, *shapes, args[1], ticks, tau, getattr(jax.config, "jax_default_device", None))
         program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
         start, times, keys = program(self.start, self.seeds[batch.seeds], np.int32(self.key))
         if np.isnan(times).any() or (np.asarray(times) < 0).any():

@@ -6,6 +6,6 @@ turn them into scenarios, designs, rules and networks. After that no configurati
 
 from qocjax.config.part import Part, conf_dir, load
 from qocjax.config.simulation import SimulationConfig
-from qocjax.config.study import StudyConfig
+from qocjax.config.study import StudyConfig, build_problem
 
-__all__ = ["Part", "SimulationConfig", "StudyConfig", "conf_dir", "load"]
+__all__ = ["Part", "SimulationConfig", "StudyConfig", "build_problem", "conf_dir", "load"]

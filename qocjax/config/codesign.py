@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from qocjax.config.bounds import BoundsConfig
 from qocjax.config.part import Part
-from qocjax.config.study import StudyConfig
+from qocjax.config.study import SweptConfig
 from qocjax.network.demand import Carrier, Traffic
 from qocjax.study.search import Limits, Measure, Space
 
@@ -74,7 +74,7 @@ class FrontConfig(Part):
     budget: int
 
 
-class CodesignConfig(StudyConfig):
+class CodesignConfig(SweptConfig):
     """Everything that `python -m qocjax.codesign` reads."""
 
     search: SearchConfig

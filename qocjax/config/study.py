@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from qocjax.config.engine import EngineConfig
 from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
 from qocjax.quality import QocScale
+from qocjax.store.identity import content_digest
+from qocjax.study.chunks import Problem
 from qocjax.study.grid import Grid, one_at_a_time
 
-__all__ = ["StudyConfig"]
+__all__ = ["FREE", "StudyConfig", "SweptConfig", "build_problem", "data_of"]
+
+# Options that change nothing in the results, so that a study may go on with others.
+FREE = ("engine", "figures", "report", "arrays", "resume")
 
 
 class SweepConfig(Part):
@@ -22,8 +33,8 @@ class SweepConfig(Part):
     j_max: float | None
 
 
-class StudyConfig(SimulationConfig):
-    """Everything that `python -m qocjax.sweep` reads."""
+class SweptConfig(SimulationConfig):
+    """Which designs a command considers, and on which seeds."""
 
     sweep: SweepConfig
     figures: bool
@@ -50,3 +61,38 @@ class StudyConfig(SimulationConfig):
         if (given[0] is None) != (given[1] is None):
             raise ValueError(f"sweep.j_med, sweep.j_max: got {given[0]} and {given[1]}, expected both or neither")
         return None if given[0] is None or given[1] is None else QocScale(given[0], given[1])
+
+
+class StudyConfig(SweptConfig):
+    """Everything that `python -m qocjax.sweep` reads."""
+
+    report: bool
+    arrays: bool
+    chunk_steps: Annotated[float, Field(gt=0)]
+    resume: str | None
+    engine: EngineConfig
+
+    def build_problem(self) -> Problem:
+        """What is simulated, with these options to build it again elsewhere."""
+        return Problem(
+            self.build_scenario(), self.build_grid().designs, self.build_network(), self.loop.build(), self.key,
+            self.build_controller(), self.model_dump(),
+        )  # fmt: skip
+
+    def identity(self) -> dict[str, Any]:
+        """The options that results depend on."""
+        return self.model_dump(exclude=set(FREE))
+
+
+def build_problem(configuration: Mapping[str, Any]) -> Problem:
+    """Builds the problem of a study again from its resolved options.
+
+    Raises:
+        ValueError: They are no configuration of a study, or a file that they name is missing.
+    """
+    return StudyConfig.model_validate(configuration).build_problem()
+
+
+def data_of(problem: Problem) -> str:
+    """Digest of what the problem holds beside its options: measured delays, maps."""
+    return content_digest((problem.network, problem.controller))

@@ -1,7 +1,8 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and still there after a power cut."""
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import json
 import os
@@ -13,7 +14,7 @@ from typing import Any
 import pandas as pd
 from omegaconf import OmegaConf
 
-__all__ = ["write_config", "write_json", "write_table", "write_text", "written"]
+__all__ = ["digest_of", "write_config", "write_json", "write_table", "write_text", "written"]
 
 
 def written(path: Path, write: Callable[[Path], object]) -> Path:
@@ -29,9 +30,11 @@ def written(path: Path, write: Callable[[Path], object]) -> Path:
     try:
         write(temporary)
         temporary.chmod(0o666 & ~_umask())
+        _to_disk(temporary)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+    _to_disk(path.parent)
     return path
 
 
@@ -51,11 +54,28 @@ def write_json(path: Path, values: dict[str, Any]) -> Path:
 
 
 def write_table(stem: Path, table: pd.DataFrame) -> list[Path]:
-    """Writes a table as CSV, and as Parquet where pyarrow is installed."""
+    """Writes a table as CSV, and as Parquet, with the table's attributes, where pyarrow is installed."""
     paths = [written(stem.with_suffix(".csv"), lambda file: table.to_csv(file, index=False, float_format="%.9g"))]
     if importlib.util.find_spec("pyarrow") is not None:
         paths.append(written(stem.with_suffix(".parquet"), lambda file: table.to_parquet(file, index=False)))
     return paths
+
+
+def digest_of(path: Path) -> str:
+    """Digest of a file's content."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+
+
+def _to_disk(path: Path) -> None:
+    """Waits until the content of a file, or the names in a folder, are on the disk."""
+    if path.is_dir() and os.name == "nt":  # folders cannot be opened there
+        return
+    handle = os.open(path, os.O_RDONLY if os.name != "nt" else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def _umask() -> int:

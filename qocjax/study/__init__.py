@@ -1,6 +1,7 @@
 """What is asked of the closed loop: grids, policies, statistics."""
 
 from qocjax.study.grid import SWEPT, Grid, one_at_a_time
+from qocjax.study.opened import open_study
 from qocjax.study.policies import POLICIES
 from qocjax.study.replay import replay
 from qocjax.study.statistics import Estimate, estimate, paired, standard_error
@@ -14,6 +15,7 @@ __all__ = [
     "Study",
     "estimate",
     "one_at_a_time",
+    "open_study",
     "paired",
     "replay",
     "run_study",

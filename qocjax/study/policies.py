@@ -6,10 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["MIN_RELIABILITY", "POLICIES", "co_design", "max_rel", "min_delay"]
+__all__ = ["MIN_RELIABILITY", "POLICIES", "NoDesignError", "co_design", "max_rel", "min_delay"]
 
 # MinDelay takes the smallest deadline with at least this loop-completion probability: at F = 0 nothing can be tuned.
 MIN_RELIABILITY = 0.01
+
+
+class NoDesignError(ValueError):
+    """Nothing is left to choose from: every score is NaN."""
+
 
 Policy = Callable[[np.ndarray, np.ndarray, float], tuple[int, int]]
 
@@ -24,8 +29,11 @@ def co_design(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float =
 
     Returns:
         Indices of value and deadline.
+
+    Raises:
+        NoDesignError: Every score is NaN.
     """
-    value, deadline = np.unravel_index(np.nanargmax(qoc), qoc.shape)
+    value, deadline = np.unravel_index(_best(qoc), qoc.shape)
     return int(value), int(deadline)
 
 
@@ -34,6 +42,7 @@ def min_delay(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float =
 
     Raises:
         ValueError: No deadline of the axis is reliable enough.
+        NoDesignError: Every score at that deadline is NaN.
     """
     enough = np.flatnonzero(reliability >= min_reliability)
     if enough.size == 0:
@@ -41,12 +50,22 @@ def min_delay(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float =
             f"deadline: got F(deadline) <= {reliability.max():.3g} on the whole axis, expected one with at least "
             f"{min_reliability:g} for MinDelay (a larger deadline, or min_reliability=0)"
         )
-    return int(np.nanargmax(qoc[:, enough[0]])), int(enough[0])
+    return _best(qoc[:, enough[0]]), int(enough[0])
 
 
 def max_rel(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float = MIN_RELIABILITY) -> tuple[int, int]:
-    """Best value at the largest deadline, where the most loops complete."""
-    return int(np.nanargmax(qoc[:, -1])), qoc.shape[1] - 1
+    """Best value at the largest deadline, where the most loops complete.
+
+    Raises:
+        NoDesignError: Every score there is NaN.
+    """
+    return _best(qoc[:, -1]), qoc.shape[1] - 1
+
+
+def _best(scores: np.ndarray) -> int:
+    if np.isnan(scores).all():
+        raise NoDesignError("qoc: got NaN for every design, expected one that neither diverged nor failed")
+    return int(np.nanargmax(scores))
 
 
 POLICIES: dict[str, Policy] = {"Co-design": co_design, "MinDelay": min_delay, "MaxRel": max_rel}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special  # not scipy.stats, which takes a third of a second to import
 
-__all__ = ["Estimate", "estimate", "paired", "standard_error"]
+__all__ = ["Estimate", "estimate", "paired", "standard_error", "unpaired"]
 
 
 @dataclass(frozen=True)
@@ -57,3 +57,19 @@ def paired(values: ArrayLike, others: ArrayLike, confidence: float = 0.95) -> Es
     if a.shape != b.shape:
         raise ValueError(f"others: got shape {b.shape}, expected {a.shape}: paired values share their seeds")
     return estimate(a - b, confidence)
+
+
+def unpaired(values: ArrayLike, others: ArrayLike, confidence: float = 0.95) -> Estimate:
+    """Difference of the means of independent values [S] and [S'], with Welch's interval.
+
+    Raises:
+        ValueError: Fewer than two values in one of them.
+    """
+    first, second = estimate(values, confidence), estimate(others, confidence)
+    parts = np.array([first.se, second.se]) ** 2
+    freedom = np.array([np.size(values), np.size(others)]) - 1
+    se, mean = float(np.sqrt(parts.sum())), first.mean - second.mean
+    if not 0 < se < np.inf:
+        return Estimate(mean, se, mean - se, mean + se)
+    half = se * float(special.stdtrit(parts.sum() ** 2 / (parts**2 / freedom).sum(), 0.5 + confidence / 2))
+    return Estimate(mean, se, mean - half, mean + half)

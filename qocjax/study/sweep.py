@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -11,30 +11,64 @@ import pandas as pd
 import xarray as xr
 
 from qocjax import _checks
-from qocjax.batch.evaluate import evaluate
+from qocjax.batch.evaluate import unit_of
+from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
-from qocjax.quality import QocScale, qoc
+from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
+from qocjax.store.memory import InMemory, Shelf
+from qocjax.study.chunks import CHUNK_STEPS, Engine, Part, Problem
+from qocjax.study.engine import LocalEngine
 from qocjax.study.grid import Grid
-from qocjax.study.policies import MIN_RELIABILITY, POLICIES, min_delay
-from qocjax.study.statistics import estimate, paired, standard_error
+from qocjax.study.order import scale_of
+from qocjax.study.parts import PartRuns, run_part
+from qocjax.study.policies import MIN_RELIABILITY, POLICIES, NoDesignError, min_delay
+from qocjax.study.statistics import estimate, paired
+from qocjax.study.table import qoc_by_seed, results_table
 
-__all__ = ["Study", "qoc_by_seed", "results_table", "run_study"]
-
-# Metrics of a run that are averaged over robots and seeds and reported with their standard error.
-_AVERAGED = ("auc", "min_distance", "path_length", "effort", "completed_share", "age_mean", "age_peak")
+__all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
 
 
 @dataclass(frozen=True)
 class Study:
-    """What a study found: tables for people, and the runs behind them."""
+    """What a study found: tables for people, and the runs behind them.
+
+    The runs of a study that is written to a folder are read from there where they are looked at.
+    """
 
     results: pd.DataFrame  # one row per (sweep, value, deadline), on the selection seeds
     policies: pd.DataFrame  # one row per (sweep, policy), judged on the evaluation seeds
     scale: QocScale
     runs: xr.Dataset  # metrics over (design, seed, robot), selection seeds
     evaluation: xr.Dataset  # metrics of the chosen designs on the evaluation seeds
+    failures: Mapping[str, str] = field(default_factory=dict)  # why a chunk has no results, by its name
+    chunks: Sequence[str] = ()  # names of those that have
+    made_with: Sequence[Mapping[str, str]] = ()  # versions and devices of the processes that computed it, distinct
+    configuration: Mapping[str, Any] | None = None  # the resolved options, where it was made from such
+
+    def sweep(self, name: str) -> xr.Dataset:
+        """The selection runs of one sweep over (<name>, deadline, seed, robot).
+
+        Raises:
+            ValueError: There is no such sweep.
+        """
+        _checks.choice("name", name, dict.fromkeys(self.results["sweep"]))
+        rows = self.results[self.results["sweep"] == name]
+        names = [item.name for item in fields(Design)]
+        points = zip(*(_nine(self.runs[each].values) for each in names), strict=True)
+        at = {point: place for place, point in enumerate(points)}
+        places = [at[point] for point in zip(*(_nine(rows[each].to_numpy()) for each in names), strict=True)]
+        values, deadlines = rows["value"].unique(), rows["deadline"].unique()
+        grid = xr.DataArray(np.reshape(places, (len(values), len(deadlines))), dims=(name, "deadline"))
+        runs = self.runs.drop_vars(names).isel(design=grid)
+        axes = {name: values, "deadline": deadlines}
+        return runs.assign_coords({axis: (axis, given, {"units": unit_of(axis)}) for axis, given in axes.items()})
+
+
+def _nine(values: np.ndarray) -> list[str]:
+    """Numbers to the digits of a CSV table."""
+    return [f"{value:.9g}" for value in values]
 
 
 def run_study(
@@ -48,9 +82,10 @@ def run_study(
     key: int = 0,
     min_reliability: float = MIN_RELIABILITY,
     scale: QocScale | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] | None = None,
+    controller: Controller | None = None,
 ) -> Study:
-    """Sweeps the grid, lets each policy choose, and judges the choices on fresh seeds.
+    """Sweeps the grid, lets each policy choose, and judges the choices on fresh seeds; all in memory.
 
     Args:
         scenario: Robots and yardstick.
@@ -63,112 +98,146 @@ def run_study(
         min_reliability: What MinDelay asks of F(Delta).
         scale: J_med and J_max, where given; else of all selection runs.
         progress: Called with robot-steps done.
+        controller: What computes the commands, by default the surrogate law.
 
     Raises:
         ValueError: Seeds in both sets, fewer than two in one, or what `evaluate` raises.
     """
-    _check_seeds(selection_seeds, evaluation_seeds)
+    problem = Problem(scenario, grid.designs, network, rules or Rules(), key, controller)
+    return study_of(
+        problem, grid, selection_seeds, evaluation_seeds,
+        min_reliability=min_reliability, scale=scale, progress=progress or (lambda steps: None),
+    )  # fmt: skip
+
+
+def study_of(
+    problem: Problem,
+    grid: Grid,
+    selection_seeds: Sequence[int],
+    evaluation_seeds: Sequence[int],
+    *,
+    min_reliability: float = MIN_RELIABILITY,
+    scale: QocScale | None = None,
+    shelf: Shelf | None = None,
+    engine: Engine | None = None,
+    chunk_steps: float = CHUNK_STEPS,
+    progress: Callable[[int], object] = lambda steps: None,
+) -> Study:
+    """Does what `run_study` does, chunk by chunk: what the shelf holds already is not computed again.
+
+    The tables depend on nothing but the problem and the arguments that are not `shelf`, `engine` or `progress`: they
+    are made from what the shelf holds when all is there, in one order.
+
+    Args:
+        problem: What is simulated; its designs are the grid's.
+        grid: The rows of the table.
+        selection_seeds: Seeds on which designs are chosen.
+        evaluation_seeds: Other seeds, on which the chosen are judged.
+        min_reliability: What MinDelay asks of F(Delta).
+        scale: J_med and J_max, where given; else of all selection runs.
+        shelf: Where results of chunks are kept; None for memory.
+        engine: What computes chunks; None for this process.
+        chunk_steps: Robot-steps of a chunk.
+        progress: Called with the robot-steps of each chunk that is there.
+
+    Raises:
+        ValueError: Seeds in both sets, fewer than two in one, or what `evaluate` raises.
+        OSError: The shelf cannot be written to.
+    """
+    selection, evaluation = _checked_seeds(selection_seeds, evaluation_seeds)
     _checks.bounded("min_reliability", min_reliability, least=0, most=1)
-    reliability = network.reliability(np.unique(grid.deadline))
+    _checks.bounded("chunk_steps", chunk_steps, above=0)
+    reliability = problem.network.reliability(np.unique(grid.deadline))
     min_delay(np.zeros((1, reliability.size)), reliability, min_reliability)  # raises before anything is simulated
-    options: dict[str, Any] = {"rules": rules, "key": key, "progress": progress}
-    runs = evaluate(scenario, grid.designs, network, selection_seeds, **options)
-    scale = scale or QocScale.of(runs["auc"].values)
-    results = results_table(runs, grid, network, scale)
+    rest = (shelf or InMemory(), engine or LocalEngine(), chunk_steps, progress)
+    first = run_part(problem, Part("selection", selection), *rest)
+    scale = scale or scale_of(lambda: first.arrays("auc"))
+    results = results_table(first.runs, grid, problem.network, scale, first.failed)
     chosen = _choose(results, grid, min_reliability)
-    places, inverse = np.unique(grid.design[[row for _, _, row in chosen]], return_inverse=True)
-    picked = Design(**{item.name: getattr(grid.designs, item.name)[places] for item in fields(Design)})
-    evaluation = evaluate(scenario, picked, network, evaluation_seeds, **options)
-    policies = _judge(results, chosen, evaluation, inverse, scale)
-    return Study(results, policies, scale, runs, evaluation)
+    places, inverse = np.unique(grid.design[[row for _, _, row in chosen if row is not None]], return_inverse=True)
+    if not len(places):
+        raise ValueError("policies: got no design that neither diverged nor failed, expected at least one to choose")
+    second = run_part(problem, Part("evaluation", evaluation, tuple(places.tolist())), *rest)
+    policies = _judge(results, chosen, second, iter(inverse.tolist()), scale)
+    made_with = {str(each): each for each in (*first.made_with, *second.made_with)}
+    runs, judged = (part.runs if shelf else part.runs.load() for part in (first, second))
+    failures = {**first.failures, **second.failures}
+    return Study(
+        results, policies, scale, runs, judged, failures, (*first.names, *second.names), tuple(made_with.values()),
+        problem.configuration,
+    )  # fmt: skip
 
 
-def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
-    """QoC of each design and seed, [G, S]: mean over robots; a diverged run counts as the largest AUC."""
-    auc = runs["auc"].values.astype(np.float64)
-    return np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc), scale)).mean(axis=-1)
+def _choose(results: pd.DataFrame, grid: Grid, min_reliability: float) -> list[tuple[str, str, int | None]]:
+    """(sweep, policy, row of the results) of each choice; None where every design diverged or failed.
 
-
-def results_table(runs: xr.Dataset, grid: Grid, network: Network, scale: QocScale) -> pd.DataFrame:
-    """One row per (sweep, value, deadline) with every metric and its standard error over seeds (SI units)."""
-    designs = pd.DataFrame({item.name: runs[item.name].values for item in fields(Design)})
-    designs["reliability"] = network.reliability(designs["deadline"].to_numpy())
-    scores = qoc_by_seed(runs, scale)
-    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores)
-    for name in _AVERAGED:
-        values = runs[name].values.astype(np.float64)
-        by_seed = values.mean(axis=-1) if values.ndim == 3 else values
-        designs[name], designs[f"{name}_se"] = by_seed.mean(axis=1), standard_error(by_seed)
-    designs["collision_share"] = runs["collided"].values.mean(axis=1)
-    designs["diverged_share"] = np.any(~np.isfinite(runs["auc"].values), axis=2).mean(axis=1)
-    _add_arrivals(designs, runs["arrival_time"].values)
-    designs["seeds"] = runs.sizes["seed"]
-    rows = designs.iloc[grid.design].reset_index(drop=True)
-    return pd.concat([pd.DataFrame({"sweep": grid.sweep, "value": grid.value}), rows], axis=1)
-
-
-def _add_arrivals(designs: pd.DataFrame, arrival: np.ndarray) -> None:
-    """Arrival time of a run is that of its last robot; mean over the runs in which all arrive, and their share."""
-    last = arrival.max(axis=-1)
-    arrived = np.isfinite(last)
-    times = np.ma.masked_array(last, ~arrived)
-    designs["arrived_share"] = arrived.mean(axis=1)
-    designs["arrival_time"] = times.mean(axis=1).filled(np.inf)
-    counts = np.maximum(arrived.sum(axis=1), 2)
-    designs["arrival_time_se"] = np.where(
-        arrived.sum(axis=1) > 1, times.std(axis=1, ddof=1).filled(0), np.inf
-    ) / np.sqrt(counts)
-
-
-def _choose(results: pd.DataFrame, grid: Grid, min_reliability: float) -> list[tuple[str, str, int]]:
-    """(sweep, policy, row of the results) of each choice."""
-    chosen = []
+    A design that diverged in any run is not to be chosen.
+    """
+    chosen: list[tuple[str, str, int | None]] = []
+    sound = np.where(results["diverged_share"] > 0, np.nan, results["qoc"])
     for sweep in dict.fromkeys(grid.sweep):
         rows = grid.rows(sweep)
-        scores = results["qoc"].to_numpy()[rows]
         reliability = results["reliability"].to_numpy()[rows[0]]
         for name, policy in POLICIES.items():
-            value, deadline = policy(scores, reliability, min_reliability)
-            chosen.append((sweep, name, int(rows[value, deadline])))
+            try:
+                value, deadline = policy(sound[rows], reliability, min_reliability)
+            except NoDesignError:
+                chosen.append((sweep, name, None))
+            else:
+                chosen.append((sweep, name, int(rows[value, deadline])))
     return chosen
 
 
 def _judge(
     results: pd.DataFrame,
-    chosen: list[tuple[str, str, int]],
-    evaluation: xr.Dataset,
-    place: np.ndarray,
+    chosen: list[tuple[str, str, int | None]],
+    evaluation: PartRuns,
+    places: Any,
     scale: QocScale,
 ) -> pd.DataFrame:
     """Scores of the choices on the evaluation seeds, and the paired difference of each policy to Co-design."""
-    scores = qoc_by_seed(evaluation, scale)
-    costs = evaluation["auc"].values.astype(np.float64).mean(axis=-1)
-    own = {(sweep, policy): scores[k] for (sweep, policy, _), k in zip(chosen, place, strict=True)}
+    runs = evaluation.runs
+    scores = qoc_by_seed(runs, scale)
+    scores[list(evaluation.failed)] = np.nan
+    costs = runs["auc"].values.astype(np.float64).mean(axis=-1)
+    at = {(sweep, policy): None if row is None else next(places) for sweep, policy, row in chosen}
+    nothing = np.full(scores.shape[1], np.nan)
     table = []
-    for (sweep, policy, row), k in zip(chosen, place, strict=True):
-        point = results.loc[row]
-        score, cost = estimate(scores[k]), estimate(costs[k])
-        gap = paired(own[sweep, policy], own[sweep, "Co-design"])
-        table.append(
-            {
-                "sweep": sweep, "policy": policy, "value": point["value"], "deadline": point["deadline"],
-                "reliability": point["reliability"], "qoc_selection": point["qoc"],
-                "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
-                "auc": cost.mean, "auc_se": cost.se,
-                "difference": gap.mean, "difference_se": gap.se,
-                "difference_low": gap.low, "difference_high": gap.high,
-                "collision_share": float(evaluation["collided"].values[k].mean()), "seeds": scores.shape[1],
-            }
-        )  # fmt: skip
-    return pd.DataFrame(table)
+    for sweep, policy, row in chosen:
+        k, base = at[sweep, policy], at[sweep, "Co-design"]
+        point = results.loc[row] if row is not None else dict.fromkeys(results.columns, np.nan)
+        own, cost = (nothing, nothing) if k is None else (scores[k], costs[k])
+        score, auc, gap = estimate(own), estimate(cost), paired(own, nothing if base is None else scores[base])
+        line = {
+            "sweep": sweep, "policy": policy, "value": point["value"], "deadline": point["deadline"],
+            "reliability": point["reliability"], "qoc_selection": point["qoc"],
+            "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
+            "auc": auc.mean, "auc_se": auc.se,
+            "difference": gap.mean, "difference_se": gap.se,
+            "difference_low": gap.low, "difference_high": gap.high,
+            "collision_share": np.nan if k is None or k in evaluation.failed else runs["collided"].values[k].mean(),
+            "diverged_share": np.nan if k is None or k in evaluation.failed else np.mean(~np.isfinite(cost)),
+            "seeds": scores.shape[1],
+        }  # fmt: skip
+        if k is None:
+            line["error"] = "every design diverged or failed"
+        elif k in evaluation.failed:
+            line["error"] = evaluation.failed[k]
+        table.append(line)
+    frame = pd.DataFrame(table)
+    return frame.fillna({"error": ""}) if "error" in frame else frame
 
 
-def _check_seeds(selection: Sequence[int], evaluation: Sequence[int]) -> None:
+def _checked_seeds(selection: Sequence[int], evaluation: Sequence[int]) -> tuple[Sequence[int], Sequence[int]]:
+    """The seeds, as ranges or tuples."""
+    found: list[Sequence[int]] = []
     for name, seeds in (("selection_seeds", selection), ("evaluation_seeds", evaluation)):
-        _checks.counts(name, seeds)
-        if len(seeds) < 2 or len(set(seeds)) != len(seeds):
+        numbers = _checks.counts(name, seeds)
+        if len(numbers) < 2 or len(set(numbers)) != len(numbers):
             raise ValueError(
-                f"{name}: got {len(seeds)} seeds, {len(set(seeds))} distinct, expected at least 2, all distinct"
+                f"{name}: got {len(numbers)} seeds, {len(set(numbers))} distinct, expected at least 2, all distinct"
             )
+        found.append(seeds if isinstance(seeds, range) else tuple(numbers))
     if common := sorted(set(selection) & set(evaluation)):
         raise ValueError(f"evaluation_seeds: got {common[0]} in both sets, expected fresh seeds")
+    return found[0], found[1]

@@ -1,0 +1,91 @@
+"""Workers on this machine, that nothing beyond it can reach."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+
+from distributed import LocalCluster
+
+from qocjax import _checks
+from qocjax.batch.xla import num_workers
+
+__all__ = ["shares", "start_local"]
+
+# Half a gigabyte each; a worker may have several cores.
+_MAX_WORKERS = 8
+
+
+def start_local(workers: int | None, cores: int | None, retries: int | None) -> tuple[LocalCluster, list[list[int]]]:
+    """Starts worker processes here; scheduler and workers listen on the loopback interface alone.
+
+    Args:
+        workers: Processes; by default one per core, at most 8, and one where there is an accelerator.
+        cores: Of each worker; by default an equal share.
+        retries: How often a chunk whose worker died is run again; by default 3 times.
+
+    Returns:
+        The cluster, and the cores of each worker by its name, 0, 1 and so on.
+
+    Raises:
+        ValueError: A number is below 1 (retries: below 0), or there are fewer cores.
+    """
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # the driver holds no accelerator's memory
+    if workers is None:
+        workers = min(num_workers(), _MAX_WORKERS)
+    split = shares(_cores(), _checks.count("engine.workers", workers), cores)
+    failures = 3 if retries is None else _checks.count("engine.retries", retries, least=0)
+    with _without_interrupts():
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=len(split[0]),
+            host="127.0.0.1",
+            dashboard_address=None,
+            memory_limit=0,  # Dask's limits pause and spill; a process that takes too much is left to the system
+            silence_logs=logging.CRITICAL,  # of the workers
+            scheduler_kwargs={"allowed_failures": failures, "dashboard_address": "127.0.0.1:0"},
+        )
+    return cluster, split
+
+
+def shares(available: list[int], workers: int, cores: int | None) -> list[list[int]]:
+    """Cores for each worker: none for two, except where there are fewer cores than workers.
+
+    Args:
+        available: Numbers of the cores.
+        workers: Among how many.
+        cores: For each; None for an equal share.
+
+    Raises:
+        ValueError: More cores are asked for than there are.
+    """
+    each = max(1, len(available) // workers) if cores is None else _checks.count("engine.cores", cores)
+    if cores is not None and each * workers > len(available):
+        raise ValueError(
+            f"engine.cores: got {each} for each of {workers} workers, expected at most {len(available)} together"
+        )
+    return [[available[k % len(available)] for k in range(i * each, (i + 1) * each)] for i in range(workers)]
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Ctrl-C reaches all processes of a terminal: leaves it to the driver, since what is started here inherits this."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # which, started later, would undo it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _cores() -> list[int]:
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))

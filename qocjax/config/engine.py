@@ -1,0 +1,57 @@
+"""Configuration of engines: where the chunks of a study are computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from qocjax.config.part import Part
+from qocjax.study.chunks import Engine
+from qocjax.study.engine import LocalEngine
+
+__all__ = ["EngineConfig"]
+
+
+class LocalConfig(Part):
+    """This process."""
+
+    kind: Literal["local"]
+
+    def open(self, note: Callable[[str], object] = lambda text: None) -> AbstractContextManager[Engine]:
+        """The engine, to be used in a `with` statement."""
+        return nullcontext(LocalEngine())
+
+
+class DaskConfig(Part):
+    """Dask workers."""
+
+    kind: Literal["dask"]
+    address: str | None
+    workers: int | None
+    cores: int | None
+    retries: int | None
+
+    def open(self, note: Callable[[str], object] = lambda text: None) -> AbstractContextManager[Engine]:
+        """The engine, to be used in a `with` statement.
+
+        Args:
+            note: Told of what a user should know, a line each.
+
+        Raises:
+            ValueError: Dask is not installed, or the options contradict each other.
+        """
+        try:
+            from qocjax.cluster import DaskEngine
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] not in ("dask", "distributed"):
+                raise
+            raise ValueError(
+                "engine: got dask without Dask, expected `pip install qocjax[cluster]`, or local"
+            ) from None
+        return DaskEngine(self.address, self.workers, self.cores, self.retries, note)
+
+
+EngineConfig = Annotated[LocalConfig | DaskConfig, Field(discriminator="kind")]

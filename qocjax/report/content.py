@@ -1,0 +1,70 @@
+"""What the report of a study shows, gathered from the study."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from qocjax.navigation.maps import StaticMap
+from qocjax.report.hall import hall_map
+from qocjax.report.replay import Replay
+from qocjax.report.study import StudyPage
+from qocjax.study.chunks import Problem
+from qocjax.study.replays import PolicyRun
+from qocjax.study.sweep import Study
+
+__all__ = ["study_page"]
+
+_STEPS = 400  # of the deadline axis, for F(Δ) between the deadlines of the study
+
+
+def study_page(
+    name: str, study: Study, problem: Problem, runs: Sequence[PolicyRun] = (), room: StaticMap | None = None
+) -> StudyPage:
+    """Gathers what `write_study_report` writes.
+
+    Args:
+        name: Of the study, as a reader knows it.
+        study: What was found.
+        problem: What was simulated.
+        runs: To be replayed, from `policy_runs`.
+        room: The map of the hall.
+    """
+    axis = np.unique(study.results["deadline"])
+    deadlines = np.unique(np.append(axis, np.linspace(0.0, axis[-1], _STEPS + 1)))
+    replays = [
+        Replay(each.sweep, each.policy, each.value, float(np.asarray(each.design.deadline)), each.reliability,
+               float(np.asarray(each.design.tau)), each.run)
+        for each in runs
+    ]  # fmt: skip
+    options = study.configuration
+    return StudyPage(
+        name=name,
+        results=study.results,
+        policies=study.policies,
+        scale=study.scale,
+        network=problem.network.name,
+        deadlines=deadlines,
+        reliability=problem.network.reliability(deadlines),
+        about=_about(problem),
+        config="" if options is None else OmegaConf.to_yaml(OmegaConf.create(dict(options))),
+        record=json.dumps(list(study.made_with), indent=2, ensure_ascii=False),
+        replays=replays,
+        seed=runs[0].seed if runs else None,
+        hall=None if room is None else hall_map(room),
+        failures=dict(study.failures),
+    )
+
+
+def _about(problem: Problem) -> dict[str, Any]:
+    rules, scenario = problem.rules, problem.scenario
+    return {
+        "Robots": str(scenario.num_robots),
+        "Horizon": f"{scenario.horizon:g} s",
+        "Commands": f"{rules.actuation}, {rules.hold}",
+        "Key": str(problem.key),
+    }

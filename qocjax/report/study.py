@@ -1,0 +1,149 @@
+"""The report of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from qocjax.figures.tables import present_sweeps
+from qocjax.quality import QocScale
+from qocjax.report.charts import series_style
+from qocjax.report.delays import delay_chart, delay_facts
+from qocjax.report.hall import HallMap
+from qocjax.report.html import escape, number
+from qocjax.report.page import Section, details, facts, render, write
+from qocjax.report.parts import chart_place, tabs
+from qocjax.report.policies import headline, policies_table
+from qocjax.report.replay import Replay, replay_data
+from qocjax.report.stages import replay_html
+from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
+
+__all__ = ["StudyPage", "write_study_report"]
+
+
+@dataclass(frozen=True)
+class StudyPage:
+    """What the report of a study is made of; a file per study comes of it and nothing is simulated for it."""
+
+    name: str  # of the study, as a reader knows it
+    results: pd.DataFrame
+    policies: pd.DataFrame
+    scale: QocScale
+    network: str  # its name
+    deadlines: np.ndarray  # where F is known, ascending (s)
+    reliability: np.ndarray  # F there
+    about: Mapping[str, str] = field(default_factory=dict)  # further facts, plain text
+    config: str = ""  # all options, as text
+    record: str = ""  # versions, device
+    replays: Sequence[Replay] = ()
+    seed: int | None = None  # of the replays
+    hall: HallMap | None = None
+    failures: Mapping[str, str] = field(default_factory=dict)  # why a part of the study has no results
+
+
+def write_study_report(path: Path, page: StudyPage) -> Path:
+    """Writes the report of a study as one HTML file that needs nothing else.
+
+    Args:
+        path: Where it goes.
+        page: What it shows.
+
+    Returns:
+        The file.
+    """
+    sweeps = list(dict.fromkeys(page.results["sweep"]))
+    sweeps = [each for each in present_sweeps(page.results)] + [s for s in sweeps if s not in _known(page.results)]
+    charts: dict[str, Any] = {"delay": delay_chart(page.deadlines, page.reliability, page.policies)}
+    for sweep in sweeps:
+        charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep)
+        charts[f"auc-{sweep}"] = auc_chart(page.results, sweep)
+    sections = [
+        Section("policies", "Policies", _policies(page)),
+        Section("sweeps", "Sweeps", _sweeps(page.results, sweeps)),
+        Section("delays", "Loop times", _delays(page)),
+    ]
+    data: dict[str, Any] = {"charts": charts}
+    if page.replays:
+        data["replay"] = replay_data(page.replays, page.hall)
+        text = (
+            f"Runs of what each policy chose, all with the same start and the same loop times: seed {page.seed}, whose "
+            "AUC is the median under the choice shown first."
+        )
+        sections.append(Section("replay", "Replay", replay_html(page.replays, text)))
+    if page.config or page.record:
+        parts = [
+            details(head, text) for head, text in (("All options", page.config), ("Versions", page.record)) if text
+        ]
+        sections.append(Section("setup", "Set-up", "".join(parts)))
+    return write(path, render(
+        page.name, "Quality of control study", headline(page.policies) + _faults(page) + _facts(page), sections, data,
+        _FOOTER,
+    ))  # fmt: skip
+
+
+_FOOTER = (
+    "<p>QoC is 1 / (1 + min(<i>J</i><sub>max</sub>, <i>J</i>) / <i>J</i><sub>med</sub>), where AUC <i>J</i> is the "
+    "squared distance from the reference over time, relative to its initial value. It means nothing without "
+    "<i>J</i><sub>med</sub> and <i>J</i><sub>max</sub>, and cannot be compared with that of another study: "
+    "<code>python -m qocjax.compare</code> puts several on one scale. Written by qocjax.</p>"
+)
+
+
+def _faults(page: StudyPage) -> str:
+    """What has no results, or diverged."""
+    lines = [f"{len(page.failures)} chunks failed: {escape('; '.join(sorted(set(page.failures.values()))))}."]
+    lines = lines if page.failures else []
+    diverged = page.results[page.results["diverged_share"] > 0]
+    if len(diverged):
+        lines.append(f"{len(diverged)} of {len(page.results)} designs diverged in some run, and were not chosen.")
+    return "".join(f'<p class="notice">{line}</p>' for line in lines)
+
+
+def _known(results: pd.DataFrame) -> set[str]:
+    return set(present_sweeps(results))
+
+
+def _facts(page: StudyPage) -> str:
+    scale, count = page.scale, page.results["sweep"].nunique()
+    items = {
+        "Network": escape(page.network),
+        "J_med, J_max": f"{number(scale.median)} s, {number(scale.largest)} s",
+        "Seeds": f"{int(page.results['seeds'].iloc[0])} to choose, {int(page.policies['seeds'].iloc[0])} to judge",
+        "Designs": f"{len(page.results)} in {count} sweep{'s' if count > 1 else ''}",
+    }
+    return facts(items | {name: escape(value) for name, value in page.about.items()})
+
+
+def _policies(page: StudyPage) -> str:
+    return (
+        "<p>Each policy chose value and deadline on some seeds; QoC and AUC are those on others, on which all policies "
+        "met the same starts and loop times, so that differences are paired.</p>" + policies_table(page.policies)
+    )
+
+
+def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:
+    panels = {
+        sweep: f'<div class="pair">{chart_place(f"qoc-{sweep}", "QoC over deadline and value", keys=True)}'
+        f"{chart_place(f'auc-{sweep}', 'AUC over the deadline', after=auc_legend(results, sweep))}</div>"
+        for sweep in sweeps
+    }
+    counts = {int(results.loc[results["sweep"] == sweep, "value"].nunique()) for sweep in sweeps}
+    style = "".join(series_style(count) for count in sorted(counts))
+    return (
+        f"<style>{style}</style><p>QoC and AUC of every design on the seeds of the choice. The marks are the policies' "
+        "choices (star Co-design, circle MinDelay, square MaxRel), the baseline's value is bold, bands are one "
+        f"standard error.</p>{tabs(panels)}"
+    )
+
+
+def _delays(page: StudyPage) -> str:
+    return (
+        f"<p>How many loops complete within a deadline, on the network {escape(page.network)}, and the deadlines that "
+        f"the policies chose.</p>{facts(delay_facts(page.deadlines, page.reliability))}"
+        f"{chart_place('delay', 'Loop completion over the deadline')}"
+    )

@@ -1,0 +1,52 @@
+"""One process at a time in a folder."""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+__all__ = ["locked"]
+
+_NAME = ".lock"
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Holds a folder; the system lets go of it when the process ends, however it ends.
+
+    The file stays, with who held it last: removing it would let two processes hold files of one name.
+
+    Raises:
+        ValueError: Another process holds it; the message says which.
+        OSError: The folder cannot be written.
+    """
+    with open(folder / _NAME, "a+", encoding="utf-8") as file:
+        try:
+            _take(file)
+        except OSError:
+            file.seek(0)
+            owner = file.read(200).strip() or "another process"
+            raise ValueError(f"{folder}: in use by {owner}, expected a folder that nothing else writes to") from None
+        file.truncate(0)
+        file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
+        file.flush()
+        yield
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _take(file: IO[str]) -> None:
+        file.seek(1 << 20)  # far beyond the text, which others are to read
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+
+else:
+    import fcntl
+
+    def _take(file: IO[str]) -> None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,0 +1,44 @@
+"""Where a policy's choice is found again: its design, and its place among the runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from qocjax.scenario import Design
+
+__all__ = ["design_of", "place_of"]
+
+
+def design_of(results: pd.DataFrame, choice: Mapping[str, Any]) -> Design:
+    """The design of a choice: the row of the results with its sweep, value and deadline.
+
+    Raises:
+        ValueError: There is no such row.
+    """
+    same = np.all([results[name] == choice[name] for name in ("sweep", "value", "deadline")], axis=0)
+    if not same.any():
+        raise ValueError(
+            f"policies: got the choice {choice['value']} at deadline {choice['deadline']} s in sweep "
+            f"'{choice['sweep']}', expected one of the rows of the results"
+        )
+    point = results[same].iloc[0]
+    return Design(**{item.name: float(point[item.name]) for item in fields(Design)})
+
+
+def place_of(runs: xr.Dataset, design: Design) -> int:
+    """Where a design lies in the runs.
+
+    Raises:
+        ValueError: It does not.
+    """
+    same = [np.isclose(runs[item.name].values, getattr(design, item.name)) for item in fields(Design)]
+    found = np.flatnonzero(np.all(same, axis=0))
+    if not found.size:
+        raise ValueError(f"runs: got none of {design}, expected the runs of the same study")
+    return int(found[0])

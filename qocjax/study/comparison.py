@@ -1,0 +1,197 @@
+"""Several studies on one QoC scale, paired where they saw the same random numbers (model, sections 5 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from qocjax.quality import QocScale, qoc
+from qocjax.scenario import Design
+from qocjax.study.chosen import design_of, place_of
+from qocjax.study.order import scale_of
+from qocjax.study.statistics import Estimate, estimate, paired, standard_error, unpaired
+from qocjax.study.sweep import Study
+
+__all__ = ["Comparison", "compare"]
+
+# What an AUC is made of: without the same here it is another quantity. And what else makes runs see the same.
+_YARDSTICK = ("horizon", "reference", "normaliser", "weights")
+_SAME_RUNS = ("start", "goal", "start_jitter", "map")
+_BLOCK = 1 << 20  # AUC values that are held at once
+_NOTHING = Estimate(np.nan, np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a comparison found."""
+
+    table: pd.DataFrame  # a row per study, sweep and policy
+    curves: pd.DataFrame  # a row per study, sweep and deadline: the best value's QoC on the selection seeds
+    scale: QocScale  # of all selection runs of all studies
+    notes: list[str]  # what a reader should know, a sentence each
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """A policy's choice in a sweep."""
+
+    row: dict[str, Any]  # of the study's policies
+    score: np.ndarray  # [S] QoC on the common scale
+    auc: np.ndarray  # [S] s
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """A study's choices on its evaluation seeds."""
+
+    name: str
+    seeds: np.ndarray  # [S]
+    choices: dict[tuple[str, str], _Choice]  # by sweep and policy
+
+
+def compare(studies: Mapping[str, Study]) -> Comparison:
+    """Puts studies on the QoC scale of all their runs; differences are to the first study.
+
+    Each study's policies keep the designs that they chose on their own scale. A difference is paired over the
+    evaluation seeds that both have, where key, starts and goals are the same; else the intervals are those of
+    independent runs, and a note says why.
+
+    Args:
+        studies: By name; made from configurations, so that what they simulated can be told.
+
+    Raises:
+        ValueError: Fewer than two, or AUC that cannot be compared: another horizon, reference, normaliser or weights.
+    """
+    if len(studies) < 2:
+        raise ValueError(f"studies: got {len(studies)}, expected at least two to compare")
+    first, *others = list(studies)
+    options = {name: _options(name, study) for name, study in studies.items()}
+    for name in others:
+        _check_yardstick(first, options[first], name, options[name])
+    kind = np.result_type(*(study.runs["auc"].dtype for study in studies.values()))
+    scale = scale_of(lambda: (each.astype(kind) for study in studies.values() for each in _auc_blocks(study.runs)))
+    reasons = {name: _unpaired_because(options[first], options[name]) for name in others}
+    judged = {name: _judged(name, study, scale) for name, study in studies.items()}
+    rows = [row for name in studies for row in _rows(judged[name], judged[first], not reasons.get(name))]
+    curves = pd.concat([_curves(name, study, scale) for name, study in studies.items()], ignore_index=True)
+    return Comparison(pd.DataFrame(rows), curves, scale, list(_notes(judged, first, reasons)))
+
+
+def _options(name: str, study: Study) -> Mapping[str, Any]:
+    if study.configuration is None:
+        raise ValueError(f"studies: got {name} without its configuration, expected one that says what was simulated")
+    return study.configuration
+
+
+def _check_yardstick(first: str, one: Mapping[str, Any], name: str, other: Mapping[str, Any]) -> None:
+    for key in _YARDSTICK:
+        a, b = one["scenario"][key], other["scenario"][key]
+        if a != b:
+            raise ValueError(
+                f"studies: got scenario.{key} {_text(a)} in {first} and {_text(b)} in {name}, expected the same: "
+                "their AUC cannot be compared"
+            )
+
+
+def _unpaired_because(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Why two studies did not see the same random numbers; empty if they did."""
+    if one["key"] != other["key"]:
+        return f"key {one['key']} and {other['key']}"
+    for key in _SAME_RUNS:
+        a, b = one["scenario"].get(key), other["scenario"].get(key)
+        if a != b:
+            return f"scenario.{key} {_text(a)} and {_text(b)}"
+    return ""
+
+
+def _text(value: Any) -> str:
+    """An option as it is written on the command line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{name}: {_text(each)}" for name, each in value.items()) + "}"
+    return "null" if value is None else str(value)
+
+
+def _auc_blocks(runs: xr.Dataset) -> Iterator[np.ndarray]:
+    """AUC [some designs, S, N] of all runs."""
+    designs = max(1, _BLOCK // (runs.sizes["seed"] * runs.sizes["robot"]))
+    for begin in range(0, runs.sizes["design"], designs):
+        yield runs["auc"].isel(design=slice(begin, begin + designs)).values
+
+
+def _judged(name: str, study: Study, scale: QocScale) -> _Judged:
+    """What the policies of a study reach on the common scale; without those that found no design."""
+    choices = {}
+    for row in study.policies[study.policies["qoc"].notna()].to_dict("records"):
+        place = place_of(study.evaluation, design_of(study.results, row))
+        auc = study.evaluation["auc"].isel(design=place).values.astype(np.float64)
+        choices[str(row["sweep"]), str(row["policy"])] = _Choice(
+            row, _score(auc, scale).mean(axis=-1), auc.mean(axis=-1)
+        )
+    return _Judged(name, study.evaluation["seed"].values, choices)
+
+
+def _score(auc: np.ndarray, scale: QocScale) -> np.ndarray:
+    """QoC; a diverged run counts as the largest AUC."""
+    return np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc).astype(np.float64), scale))
+
+
+def _rows(judged: _Judged, reference: _Judged, together: bool) -> Iterator[dict[str, Any]]:
+    for key, choice in judged.choices.items():
+        row, own, cost = choice.row, estimate(choice.score), estimate(choice.auc)
+        gap, is_paired = _NOTHING, False
+        if key in reference.choices and judged is not reference:
+            gap, is_paired = _gap(judged, reference, key, together)
+        yield {
+            "study": judged.name, "sweep": key[0], "policy": key[1], "value": row["value"],
+            "deadline": row["deadline"], "reliability": row["reliability"], "qoc": own.mean, "qoc_se": own.se,
+            "qoc_low": own.low, "qoc_high": own.high, "qoc_own_scale": row["qoc"], "auc": cost.mean, "auc_se": cost.se,
+            "difference": gap.mean, "difference_se": gap.se, "difference_low": gap.low, "difference_high": gap.high,
+            "paired": is_paired, "collision_share": row["collision_share"], "seeds": len(judged.seeds),
+        }  # fmt: skip
+
+
+def _gap(judged: _Judged, reference: _Judged, key: tuple[str, str], together: bool) -> tuple[Estimate, bool]:
+    """Difference to the reference, and whether it is paired."""
+    here, there = judged.choices[key].score, reference.choices[key].score
+    _, at, at_reference = np.intersect1d(judged.seeds, reference.seeds, return_indices=True)
+    if together and at.size >= 2:
+        return paired(here[at], there[at_reference]), True
+    return unpaired(here, there), False
+
+
+def _curves(name: str, study: Study, scale: QocScale) -> pd.DataFrame:
+    """QoC of the best value at each deadline of each sweep, on the seeds of the choice."""
+    runs = study.runs
+    parts = [_score(part, scale).mean(axis=-1) for part in _auc_blocks(runs)]
+    scores = np.concatenate(parts)
+    names = [item.name for item in fields(Design)]
+    designs = pd.DataFrame({each: runs[each].values for each in names})
+    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores)
+    rows = study.results[["sweep", "value", "reliability", *names]].merge(designs, on=names, how="left")
+    best = rows.dropna(subset=["qoc"]).groupby(["sweep", "deadline"], sort=False)["qoc"].idxmax()
+    kept = rows.loc[best, ["sweep", "deadline", "value", "reliability", "qoc", "qoc_se"]].reset_index(drop=True)
+    kept.insert(0, "study", name)
+    return kept
+
+
+def _notes(studies: Mapping[str, _Judged], first: str, reasons: Mapping[str, str]) -> Iterator[str]:
+    """What a reader should know of the pairing, and of sweeps that only some have."""
+    reference = studies[first]
+    for name, reason in reasons.items():
+        judged = studies[name]
+        common = np.intersect1d(judged.seeds, reference.seeds).size
+        if reason:
+            yield f"{name} is not paired with {first}: {reason}."
+        elif common < 2:
+            yield f"{name} is not paired with {first}: {common} evaluation seeds in common."
+        elif common < max(judged.seeds.size, reference.seeds.size):
+            yield f"{name} is paired with {first} on the {common} evaluation seeds that both have."
+        for lacking, holding in ((judged, reference), (reference, judged)):
+            have, lack = ({sweep for sweep, _ in each.choices} for each in (holding, lacking))
+            if have - lack:
+                yield f"{lacking.name} has no sweep of {', '.join(sorted(have - lack))}, which {holding.name} has."

@@ -1,0 +1,170 @@
+"""Several runs of a study again, with their trajectories, by one compiled program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from qocjax.batch.runner import draw_seeds
+from qocjax.controllers import Controller
+from qocjax.network.interface import Network
+from qocjax.network.schedule import Rules
+from qocjax.scenario import Design, Scenario, num_ticks
+from qocjax.simulate import Run, simulate
+from qocjax.study.chosen import design_of, place_of
+from qocjax.study.replay import replay
+from qocjax.study.sweep import Study
+
+__all__ = ["PolicyRun", "policy_runs", "replays"]
+
+_MOST_STEPS = 6_000_000  # robot-steps that are kept at once
+
+
+@dataclass(frozen=True)
+class PolicyRun:
+    """A run of what one policy chose in one sweep."""
+
+    sweep: str
+    policy: str
+    value: float
+    design: Design
+    reliability: float
+    seed: int
+    run: Run
+
+
+def replays(
+    scenario: Scenario,
+    designs: Sequence[Design],
+    network: Network,
+    seed: int,
+    *,
+    rules: Rules | None = None,
+    key: int = 0,
+    controller: Controller | None = None,
+) -> list[Run]:
+    """Simulates several designs with one seed: what `replay` does, but compiled once for all.
+
+    Args:
+        scenario: As of the evaluation.
+        designs: Every value a number; sampling periods may differ.
+        network: As of the evaluation.
+        seed: The Monte Carlo seed.
+        rules: As of the evaluation.
+        key: As of the evaluation.
+        controller: As of the evaluation; a costly one is run design by design.
+
+    Returns:
+        A run of each design, of NumPy arrays.
+    """
+    rules = rules or Rules()
+    if controller is not None and controller.costly:
+        options: dict[str, Any] = {"rules": rules, "key": key, "controller": controller}
+        return [jax.tree.map(np.asarray, replay(scenario, each, network, seed, **options)) for each in designs]
+    ticks = [num_ticks(scenario.horizon, float(np.asarray(design.tau))) for design in designs]
+    periods = {float(np.asarray(design.tau)): count for design, count in zip(designs, ticks, strict=True)}
+    start, times, words = _draw(scenario, network, seed, key, periods)
+    placed = replace(scenario, start=start)
+
+    def one(design: Design, loop_times: jax.Array) -> Run:
+        return simulate(
+            placed, design, loop_times, rules.actuation, rules.hold, hold_timeout=rules.hold_timeout,
+            hold_decay=rules.hold_decay, controller=controller, key=jax.random.wrap_key_data(words),
+        )  # fmt: skip
+
+    values = [asdict(design) for design in designs]
+    stacked = Design(**{name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
+    lanes = jnp.stack([times[float(np.asarray(design.tau))] for design in designs])
+    runs = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(stacked, lanes))
+    return [_cut(jax.tree.map(lambda a, k=k: a[k], runs), count) for k, count in enumerate(ticks)]
+
+
+def policy_runs(
+    study: Study,
+    scenario: Scenario,
+    network: Network,
+    *,
+    rules: Rules | None = None,
+    key: int = 0,
+    controller: Controller | None = None,
+) -> list[PolicyRun]:
+    """A run of each policy's choice, all on one seed: the median one of the first.
+
+    Args:
+        study: What chose. Of many sweeps with many robots only the best are run again.
+        scenario: As of the study.
+        network: As of the study.
+        rules: As of the study.
+        key: As of the study.
+        controller: As of the study; of a costly one the first sweep only is run again.
+
+    Returns:
+        The sweeps whose best choice has no collision first, then by its QoC; the policies of each in their order.
+        Without what found no design.
+    """
+    found = study.policies[study.policies["qoc"].notna()]
+    joint = found[found["policy"] == "Co-design"]
+    order = {"collision_share": joint["collision_share"] > 0, "qoc": -joint["qoc"]}
+    most = _MOST_STEPS if controller is None or not controller.costly else 0
+    chosen: list[tuple[dict[str, Any], Design]] = []
+    for sweep in joint.assign(**order).sort_values(["collision_share", "qoc"], kind="stable")["sweep"]:
+        rows = found[found["sweep"] == sweep].to_dict("records")
+        more = chosen + [(row, design_of(study.results, row)) for row in rows]
+        shortest = min(float(np.asarray(design.tau)) for _, design in more)
+        if chosen and len(more) * scenario.num_robots * scenario.horizon / shortest > most:
+            break
+        chosen = more
+    if not chosen:
+        return []
+    seed = _median_seed(study, chosen[0][1])
+    designs = [design for _, design in chosen]
+    runs = replays(scenario, designs, network, seed, rules=rules, key=key, controller=controller)
+    return [
+        PolicyRun(row["sweep"], row["policy"], row["value"], design, row["reliability"], seed, run)
+        for (row, design), run in zip(chosen, runs, strict=True)
+    ]
+
+
+def _draw(
+    scenario: Scenario, network: Network, seed: int, key: int, ticks: dict[float, int]
+) -> tuple[np.ndarray, dict[float, np.ndarray], jax.Array]:
+    """Start poses, loop times by sampling period, and words of a key.
+
+    All loop times are as long as the longest; loops beyond the horizon are lost.
+    """
+    most = max(ticks.values())
+    begin = jnp.asarray(scenario.start, jnp.result_type(float))
+    stable = getattr(network, "prefix_stable", False) and getattr(jax.config, "jax_threefry_partitionable", True)
+    times: dict[float, np.ndarray] = {}
+    drawn: Any = None
+    for tau, count in ticks.items():
+        if drawn is None or not stable:
+            size, period = (most, 1.0) if stable else (count, tau)
+            drawn = draw_seeds(begin, scenario.start_jitter, network, np.array([seed]), key, size, period)
+        loops = np.asarray(drawn.loop_times)[0]
+        times[tau] = np.full((most, scenario.num_robots), np.inf, loops.dtype)
+        times[tau][:count] = loops[:count]
+    return np.asarray(drawn.start)[0], times, drawn.keys[0]
+
+
+def _cut(run: Run, ticks: int) -> Run:
+    """A run without the ticks beyond its horizon, in which nothing moves and every loop is lost."""
+    age = run.age[:ticks]
+    kept: dict[str, Any] = {name: getattr(run, name)[: ticks + 1] for name in ("time", "pose", "reference")}
+    return replace(
+        run, **kept, command=run.command[:ticks], age=age, age_mean=age.mean(), age_peak=age.max(),
+        completed_share=run.completed_share * (run.age.shape[0] / ticks),
+        view=jax.tree.map(lambda a: a[:ticks], run.view),
+    )  # fmt: skip
+
+
+def _median_seed(study: Study, design: Design) -> int:
+    """The evaluation seed whose AUC under a design is the median."""
+    found = study.evaluation
+    auc = found["auc"].isel(design=place_of(found, design)).mean("robot").values
+    return int(found["seed"].values[np.argsort(auc)[len(auc) // 2]])

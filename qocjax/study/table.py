@@ -1,0 +1,111 @@
+"""The table of a study's results: a row per (sweep, value, deadline), computed a block of designs at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from qocjax.batch.evaluate import UNITS
+from qocjax.network.interface import Network
+from qocjax.quality import QocScale, qoc
+from qocjax.scenario import Design
+from qocjax.study.grid import Grid
+from qocjax.study.statistics import standard_error
+
+__all__ = ["qoc_by_seed", "results_table", "sound", "units_of"]
+
+# Metrics of a run that are averaged over robots and seeds and reported with their standard error.
+_AVERAGED = ("auc", "min_distance", "path_length", "effort", "completed_share", "age_mean", "age_peak")
+
+# Numbers of one metric that are held at once, where one design alone has no more.
+_BLOCK = 1 << 21
+
+
+def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
+    """QoC of each design and seed, [G, S]: mean over robots; a diverged run counts as the largest AUC."""
+    auc = runs["auc"].values.astype(np.float64)
+    return np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc), scale)).mean(axis=-1)
+
+
+def results_table(
+    runs: xr.Dataset, grid: Grid, network: Network, scale: QocScale, failed: Mapping[int, str] | None = None
+) -> pd.DataFrame:
+    """One row per (sweep, value, deadline) with every metric and its standard error over seeds (SI units).
+
+    Args:
+        runs: Of the grid's designs; read a block at a time.
+        grid: Its rows.
+        network: Says F(Delta).
+        scale: Of the QoC.
+        failed: Designs of which runs are missing, by their place, and why: their metrics are NaN, and a column `error`
+            says why; without any there is no such column.
+    """
+    blocks = [(places, _by_design(runs.isel(design=places).load(), scale)) for places in _blocks(runs)]
+    designs = pd.concat([table.set_index(places) for places, table in blocks]).sort_index()
+    place = [item.name for item in fields(Design)]
+    designs.insert(len(place), "reliability", network.reliability(designs["deadline"].to_numpy()))
+    if failed:
+        metrics = [name for name in designs.columns if name not in (*place, "reliability", "seeds")]
+        designs.loc[list(failed), metrics] = np.nan
+        designs["error"] = [failed.get(k, "") for k in range(len(designs))]
+    rows = designs.iloc[grid.design].reset_index(drop=True)
+    return pd.concat([pd.DataFrame({"sweep": grid.sweep, "value": grid.value}), rows], axis=1)
+
+
+def sound(results: pd.DataFrame, policies: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The rows of both tables that neither diverged nor failed, for what draws numbers.
+
+    A sweep in which a policy has nothing to show is left out whole.
+    """
+    bad = policies.loc[~np.isfinite(policies[["value", "qoc", "auc"]]).all(axis=1), "sweep"].unique()
+    held = (results["diverged_share"] == 0) & ~results["sweep"].isin(bad)
+    tables = (results[held], policies[~policies["sweep"].isin(bad)])
+    first, second = (table.drop(columns="error", errors="ignore").reset_index(drop=True) for table in tables)
+    return first, second
+
+
+def units_of(table: pd.DataFrame) -> dict[str, str]:
+    """Unit of each column of a table of results or policies; 1 for shares, scores and counts."""
+    plain = {name: name.removesuffix("_se") for name in table.columns}
+    units = {name: UNITS.get(base, "1") for name, base in plain.items()}
+    text = {name: "" for name in table.columns if name in ("sweep", "policy", "error")}
+    return units | text | {name: "unit of the swept parameter" for name in table.columns if name == "value"}
+
+
+def _blocks(runs: xr.Dataset) -> Iterator[np.ndarray]:
+    """Places of the designs in the order in which chunks hold them, so that each is read as rarely as possible."""
+    order = np.lexsort((runs["deadline"].values, runs["tau"].values))
+    rows = max(1, _BLOCK // (runs.sizes["seed"] * runs.sizes["robot"]))
+    yield from np.split(order, range(rows, len(order), rows))
+
+
+def _by_design(runs: xr.Dataset, scale: QocScale) -> pd.DataFrame:
+    designs = pd.DataFrame({item.name: runs[item.name].values for item in fields(Design)})
+    scores = qoc_by_seed(runs, scale)
+    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores)
+    for name in _AVERAGED:
+        values = runs[name].values.astype(np.float64)
+        by_seed = values.mean(axis=-1) if values.ndim == 3 else values
+        designs[name], designs[f"{name}_se"] = by_seed.mean(axis=1), standard_error(by_seed)
+    designs["collision_share"] = runs["collided"].values.mean(axis=1)
+    designs["diverged_share"] = np.any(~np.isfinite(runs["auc"].values), axis=2).mean(axis=1)
+    _add_arrivals(designs, runs["arrival_time"].values)
+    designs["seeds"] = runs.sizes["seed"]
+    return designs
+
+
+def _add_arrivals(designs: pd.DataFrame, arrival: np.ndarray) -> None:
+    """Arrival time of a run is that of its last robot; mean over the runs in which all arrive, and their share."""
+    last = arrival.max(axis=-1)
+    arrived = np.isfinite(last)
+    times = np.ma.masked_array(last, ~arrived)
+    designs["arrived_share"] = arrived.mean(axis=1)
+    designs["arrival_time"] = times.mean(axis=1).filled(np.inf)
+    counts = np.maximum(arrived.sum(axis=1), 2)
+    designs["arrival_time_se"] = np.where(
+        arrived.sum(axis=1) > 1, times.std(axis=1, ddof=1).filled(0), np.inf
+    ) / np.sqrt(counts)
