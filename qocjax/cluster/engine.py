@@ -46,6 +46,8 @@ class DaskEngine:
     Only options and descriptions of chunks are sent to workers, and results come back; the driver alone writes files. A
     chunk whose worker dies is run again elsewhere. One that several workers died of is tried once more at the end, on
     its own, since which of the chunks in a worker brought it down nobody can tell; then it is a failure.
+
+    A program that starts workers must be guarded by `if __name__ == "__main__"`, as with any spawned process.
     """
 
     def __init__(
