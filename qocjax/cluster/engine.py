@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 import math
@@ -221,9 +222,12 @@ def _client(cluster: LocalCluster | str | None) -> Client:
         return Client(cluster, set_as_default=False, timeout=_CONNECT)
     except (OSError, ValueError, TypeError) as error:
         text = " ".join(str(error).split())
-        raise ValueError(
-            f"engine.address: got {cluster}, expected a Dask scheduler that answers, such as tcp://host:8786 ({text})"
-        ) from None
+    # A client that came to nothing closes itself where it is collected; later that may be inside a lock of the next
+    # client, which would then wait for itself.
+    gc.collect()
+    raise ValueError(
+        f"engine.address: got {cluster}, expected a Dask scheduler that answers, such as tcp://host:8786 ({text})"
+    )
 
 
 def _submit(client: Client, configuration: str, data: str, settings: Settings, chunk: Chunk) -> Future:
