@@ -20,6 +20,7 @@ from qocjax.config.controller import map_of
 from qocjax.config.study import FREE, data_of
 from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
+from qocjax.navigation import StaticMap
 from qocjax.report import study_page, write_study_report
 from qocjax.scenario import Design, num_ticks
 from qocjax.simulate import Run
@@ -54,6 +55,8 @@ def run(
         OSError: The folder cannot be written, or the disk is full.
     """
     problem, grid = config.build_problem(), config.build_grid()
+    name = config.scenario.map
+    room = None if name is None else map_of(problem.scenario, name)
     if folder is None:
         return _simulate(config, problem, grid, None, quiet)
     if config.arrays:
@@ -67,7 +70,7 @@ def run(
         if config.arrays:
             write_arrays(study, folder)
         with ThreadPoolExecutor(1) as aside:  # most of a report is compiling what runs the replays
-            reported = aside.submit(_write_report, study, config, problem, folder) if config.report else None
+            reported = aside.submit(_write_report, study, problem, room, folder) if config.report else None
             if config.figures:
                 shown = jax.tree.map(np.asarray, representative_run(study, config, problem))
                 draw_study(*sound(study.results, study.policies), shown, folder / "figures", drawing)
@@ -77,11 +80,9 @@ def run(
     return study
 
 
-def _write_report(study: Study, config: StudyConfig, problem: Problem, folder: Path) -> None:
+def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder: Path) -> None:
     rules, controller = problem.rules, problem.controller
     runs = policy_runs(study, problem.scenario, problem.network, rules=rules, key=problem.key, controller=controller)
-    name = config.scenario.map
-    room = None if name is None else map_of(problem.scenario, name)
     page = study_page(folder.resolve().name, study, problem, runs, room)
     write_study_report(folder / "report.html", page)
 
@@ -106,7 +107,7 @@ def _note(text: str) -> None:
 
 
 def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
-    """The baseline, at the deadline of its best QoC, on the evaluation seed whose AUC there is the median."""
+    """The baseline, at the deadline of its best QoC, on the selection seed whose AUC there is the median."""
     row = _baseline_row(study.results, config.baseline())
     design = Design(**{item.name: float(study.results.loc[row, item.name]) for item in fields(Design)})
     runs = study.runs.isel(design=_design_at(study, design))

@@ -145,7 +145,7 @@ def test_a_wrong_problem_ends_the_study(engine: DaskEngine, chunks: list[Chunk])
 def test_other_measured_data_is_refused(problem: Problem, chunks: list[Chunk], expected: dict[str, Result]) -> None:
     configuration = json.dumps(problem.configuration)
     same(run_chunk(configuration, data_of(problem), chunks[0], settings_here()), expected[chunks[0].name])
-    with pytest.raises(ValueError, match="network: got other measured data than the driver's"):
+    with pytest.raises(ValueError, match="network or map: got other data than the driver's"):
         run_chunk(json.dumps({**configured("key=1").model_dump()}), "other", chunks[0], settings_here())
 
 

@@ -229,7 +229,7 @@ def test_other_measured_data_is_refused(tmp_path: Path) -> None:
     assert content_digest(np.arange(3)) != content_digest(np.arange(3.0)) != content_digest([0.0, 1.0, 2.0])
     with study_folder(tmp_path, {}, "a") as shelf:
         shelf.put("selection-0", {}, {}, {})
-    with pytest.raises(ValueError, match="other measured data"), study_folder(tmp_path, {}, "b"):
+    with pytest.raises(ValueError, match="a study of other data"), study_folder(tmp_path, {}, "b"):
         pass
 
 

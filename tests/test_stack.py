@@ -197,7 +197,8 @@ def test_snapshot_shows_what_the_cycle_had_before_it() -> None:
 def test_design_caps_the_stack() -> None:
     run = simulate(SHORT, design(v_max=0.3, omega_max=0.4), times(), controller=STACK)
     command = np.asarray(run.command)
-    assert 0.15 < command[..., 0].max() <= 0.3 + 1e-9 and np.abs(command[..., 1]).max() <= 0.4 + 1e-9
+    assert 0.15 < command[..., 0].max() and np.abs(command[..., 0]).max() <= 0.3 + 1e-9
+    assert np.abs(command[..., 1]).max() <= 0.4 + 1e-9
 
 
 def test_study_of_the_stack_chooses_and_judges() -> None:

@@ -30,7 +30,7 @@ __all__ = ["MAX_RUNS", "UNITS", "evaluate", "run_grid"]
 MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
 
 # Likewise where each command takes long: enough to share a schedule, and few enough to be spread over the cores.
-COSTLY_RUNS = {"cpu": 8, "gpu": 1 << 10, "tpu": 1 << 10}
+_COSTLY_RUNS = {"cpu": 8, "gpu": 1 << 10, "tpu": 1 << 10}
 
 _SCENARIO_NUMBERS = ("start", "goal", "nominal_kappa", "nominal_v_max", "weights", "robot_radius")
 
@@ -89,7 +89,7 @@ def evaluate(
             refuses.
     """
     controller = controller or Apf()
-    most = (COSTLY_RUNS if controller.costly else MAX_RUNS).get(jax.default_backend(), 512)
+    most = (_COSTLY_RUNS if controller.costly else MAX_RUNS).get(jax.default_backend(), 512)
     limit = most if max_runs is None else _checks.count("max_runs", max_runs)
     return run_grid(
         scenario, designs, network, seeds, metrics,
@@ -281,4 +281,4 @@ def unit_of(name: str) -> str:
     """Unit of a metric, of a value of a design, or of a derivative d_auc_<value>."""
     if name.startswith("d_auc_"):
         return f"{UNITS['auc']}/({UNITS[name.removeprefix('d_auc_')]})"
-    return UNITS[name]
+    return UNITS.get(name, "1")  # what controllers report of themselves are shares and counts

@@ -125,12 +125,14 @@ def batches_of(
     most_rows = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
     for tau in dict.fromkeys(group.tau for group in groups):
         for first in range(0, num_seeds, lanes):
-            seeds, real_seeds = _filled(np.arange(first, min(first + lanes, num_seeds)), lanes)
+            places = np.arange(first, min(first + lanes, num_seeds))
+            seeds, real_seeds = _filled(places, len(places) if snug else lanes)
             for group in (g for g in groups if g.tau == tau):
                 designs = len(group.designs)
                 rows = min(designs, most_rows) if snug else _rows(designs, most_rows, group.general)
                 for start in range(0, designs, rows):
-                    chosen, real_designs = _filled(group.designs[start : start + rows], rows)
+                    part = group.designs[start : start + rows]
+                    chosen, real_designs = _filled(part, len(part) if snug else rows)
                     yield Batch(group, chosen, seeds, real_designs, real_seeds)
 
 

@@ -95,7 +95,7 @@ def run_chunk(configuration: str, data: str, chunk: Chunk, settings: Settings) -
         settings: Of the driver.
 
     Raises:
-        ValueError: The worker finds other measured data, or what `compute` raises; the message names the worker.
+        ValueError: The worker finds other data, or what `compute` raises; the message names the worker.
     """
     process = _process.get("only", lambda: _Process(settings))
     _adopt(settings)
@@ -112,7 +112,7 @@ def run_chunk(configuration: str, data: str, chunk: Chunk, settings: Settings) -
 def _built(configuration: str, data: str) -> Problem:
     problem = build_problem(json.loads(configuration))
     if data_of(problem) != data:
-        raise ValueError("network: got other measured data than the driver's, expected the same files on all machines")
+        raise ValueError("network or map: got other data than the driver's, expected the same files on all machines")
     return problem
 
 

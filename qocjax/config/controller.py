@@ -73,7 +73,6 @@ class PlannerConfig(Part):
 
     cost_travel_multiplier: float
     tolerance: float
-    allow_unknown: bool
 
 
 class MppiPart(Part):

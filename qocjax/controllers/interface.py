@@ -23,7 +23,7 @@ class Task(NamedTuple):
     ticks: int  # P
     lag: Array  # whole sampling periods of the deadline
     rest: Array  # of the deadline (s)
-    slots: int  # most commands that are under way at once
+    slots: int  # most commands that are under way at once; 0 where the loop has no buffer
 
 
 class Sight(NamedTuple):

@@ -43,7 +43,7 @@ def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> 
     begin = _predicted(task, memory, sight.tick, sampled) if stack.predict else sampled
     design = task.design
     keys = jax.vmap(lambda words: jax.random.fold_in(jax.random.wrap_key_data(words), sight.tick))
-    words = jax.random.key_data(keys(memory.keys.reshape(-1, 2))).reshape(memory.keys.shape)
+    words = jax.random.key_data(keys(memory.keys.reshape(-1, memory.keys.shape[-1]))).reshape(memory.keys.shape)
     return Robot(
         words,
         memory.state,
@@ -60,14 +60,15 @@ def _obstacles(stack: NavigationStack, task: Task, memory: Memory, sight: Sight,
     """The other robots, and how far each may be from where it is taken to be.
 
     A robot is where it was when the command that it now applies was sampled, its age ago, and may have moved since at
-    the speed that it was told then. With predictions it is where its own commands under way lead it. What is left
+    the speed that it was told then (before its first command takes effect, that of the first one computed). With
+    predictions it is where its own commands under way lead it. What is left
     unknown is then the age beyond the deadline, which missed loops leave, and the sampling period in which a new
     command moves it on.
     """
     tau, shape = jnp.asarray(task.design.tau), begin.shape[1:]
     age = jnp.broadcast_to(sight.age, shape)
     source = jnp.clip(sight.tick - jnp.round(age / tau).astype(jnp.int32), 0, sight.tick)
-    speed = jnp.abs(_at(memory.sent[task.slots :], source)[..., 0])
+    speed = jnp.abs(_at(memory.sent, source + task.slots)[..., 0])
     if stack.predict:
         x, y, unknown = begin[0], begin[1], jnp.maximum(age - task.design.deadline, 0.0) + tau
     else:

@@ -50,7 +50,7 @@ def read_map(path: str | Path, trinary_costmap: bool = True) -> StaticMap:
         raise ValueError(f"{values.at('image')}: found no file {image}")
     shade, opacity = _pixels(image)
     occupancy = _occupancy(shade, opacity, negate, mode, (occupied, free))[::-1]  # the first row of an image is its top
-    return StaticMap(Grid(resolution, origin, occupancy.shape), _cost(occupancy, trinary_costmap), str(path))
+    return StaticMap(Grid(resolution, origin, occupancy.shape), _cost(occupancy, trinary_costmap), path.name)
 
 
 def _occupancy(

@@ -169,7 +169,8 @@ def _scene(config: MppiConfig, limits: Limits, pose: Array, costmap: MapCosts, p
     ahead = local_path(path, pose[0], pose[1], config.prune_distance, config.path_spacing)
     to_goal = jnp.hypot(pose[0] - goal[0], pose[1] - goal[1])
     clear = costmap.at(ahead.x, ahead.y) < COLLISION
-    caps = [jnp.asarray(each, pose.dtype) for each in (limits.vx_max, config.vx_min, limits.wz_max)]
+    vx_min = jnp.maximum(config.vx_min, -jnp.asarray(limits.vx_max))  # no faster backwards than ahead
+    caps = [jnp.asarray(each, pose.dtype) for each in (limits.vx_max, vx_min, limits.wz_max)]
     return Scene(goal, to_goal, ahead, clear, costmap, config.path_spacing, config.model_dt, *caps)
 
 

@@ -134,15 +134,22 @@ class NavigationStack:
                 a closed cell; robots start in collision; predictions for another actuation than `deadline`.
         """
         for name in _UNREAD:
-            if np.unique(np.asarray(getattr(designs, name))).size > 1:
+            value = getattr(designs, name)
+            if _checks.is_concrete(value) and np.unique(np.asarray(value)).size > 1:
                 raise ValueError(
                     f"{name}: got several values, but the navigation stack does not read it, expected one value"
                 )
-        fastest = float(np.max(np.asarray(designs.omega_max)))
-        if fastest > self.mppi.wz_max * (1 + 1e-6):
-            raise ValueError(f"omega_max: got {fastest:g}, expected at most the stack's wz_max {self.mppi.wz_max:g}")
+        if _checks.is_concrete(designs.omega_max):
+            fastest = float(np.max(np.asarray(designs.omega_max)))
+            if fastest > self.mppi.wz_max * (1 + 1e-6):
+                raise ValueError(
+                    f"omega_max: got {fastest:g}, expected at most the stack's wz_max {self.mppi.wz_max:g}"
+                )
         if self.predict and actuation != "deadline":
             raise ValueError(f"actuation: got {actuation!r} with predict=True, expected 'deadline'")
+        radius, own = (float(np.asarray(of.robot_radius)) for of in (scenario, self.inflation))
+        if abs(radius - own) > 1e-6:
+            raise ValueError(f"robot_radius: got {radius:g} m with an inflation for {own:g} m, expected one radius")
         goals = np.broadcast_to(np.asarray(scenario.goal), (scenario.num_robots, 2))
         check_free("goal", goals, self.static_map.grid, self.closed)
         self._check_places("start", scenario, np.asarray(scenario.start, np.float64)[:, :2])
@@ -171,10 +178,11 @@ class NavigationStack:
         """Robots at rest, on a straight path to their goals."""
         shape, dtype = pose.x.shape, pose.x.dtype
         words = jax.random.key_data(jax.random.key(0)) if keys is None else keys
-        words = jnp.broadcast_to(words, (*shape[1:], 2)).reshape(-1, 2)
+        size = words.shape[-1]
+        words = jnp.broadcast_to(words, (*shape[1:], size)).reshape(-1, size)
         robots = jnp.arange(shape[0], dtype=jnp.uint32)
         split = jax.vmap(lambda run: jax.vmap(lambda i: jax.random.fold_in(jax.random.wrap_key_data(run), i))(robots))
-        own = jnp.moveaxis(jax.random.key_data(split(words)), 0, 1).reshape(*shape, 2)
+        own = jnp.moveaxis(jax.random.key_data(split(words)), 0, 1).reshape(*shape, size)
         state = jax.tree.map(lambda a: jnp.broadcast_to(a, (*shape, *a.shape)), initial_state(self.mppi, dtype))
         goal = jnp.stack([jnp.broadcast_to(each, shape) for each in task.goal], axis=-1).astype(dtype)
         here = jnp.stack([pose.x, pose.y], axis=-1)

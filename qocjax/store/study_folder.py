@@ -148,4 +148,6 @@ def _begin(folder: Path, identity: dict[str, Any], data: str) -> None:
     if other := differences(found["configuration"], identity):
         raise ValueError(f"{folder}: holds another study ({other}), expected the same configuration, or another folder")
     if found["data"] != data:
-        raise ValueError(f"{folder}: holds a study of other measured data, expected the network's files as they were")
+        raise ValueError(
+            f"{folder}: holds a study of other data, expected the files of its network and map as they were"
+        )

@@ -1,7 +1,8 @@
 """A study cut into chunks: pieces with stable names that can be computed anywhere, in any order, any number of times.
 
-A chunk is a rectangle of designs x seeds. It holds whole groups of one tau and deadline, and seeds in multiples of what
-one batch holds, so the batches that run, and with them the bits of the results, are those of the study in one piece.
+A chunk is a rectangle of designs x seeds. Where no group of one tau and deadline is too large for one, it holds whole
+groups, and seeds in multiples of what one batch holds, so the batches that run, and with them the bits of the results,
+are those of the study in one piece.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ __all__ = ["CHUNK_STEPS", "Chunk", "Engine", "Failure", "Part", "Problem", "Resu
 # Robot-steps of a chunk: about half a second of one core.
 CHUNK_STEPS = 1e8
 
-# A controller that is costly takes about that many times longer for a step.
+# Of a controller that is costly a chunk has that many times fewer: a minute of one core with the navigation stack.
 _COSTLY = 1000
 
 
