@@ -65,7 +65,8 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     path, found = _path(stack, robot, cost, planning)
     has_path = robot.has_path | (planning & found)
     command, state, rollouts = _step(stack, robot.words, robot.state, begin, cost, path, robot.goal, robot.limits)
-    back = jnp.clip(_back_up(stack, begin, cost), -robot.limits.vx_max, robot.limits.vx_max)
+    fastest = jnp.asarray(robot.limits.vx_max)
+    back = jnp.clip(_back_up(stack, begin, cost), -fastest, fastest)
     command = Command(jnp.where(rollouts.blocked, back, command.nu), jnp.where(rollouts.blocked, 0.0, command.omega))
     there = jnp.hypot(begin[0] - robot.goal[0], begin[1] - robot.goal[1]) <= stack.xy_goal_tolerance
     going = has_path & ~there
