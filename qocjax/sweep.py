@@ -16,7 +16,6 @@ from tqdm import tqdm
 
 from qocjax._command import command, given_options, output_dir
 from qocjax.config import StudyConfig, load
-from qocjax.config.controller import map_of
 from qocjax.config.study import FREE, data_of
 from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
@@ -55,8 +54,7 @@ def run(
         OSError: The folder cannot be written, or the disk is full.
     """
     problem, grid = config.build_problem(), config.build_grid()
-    name = config.scenario.map
-    room = None if name is None else map_of(problem.scenario, name)
+    room = config.build_map()
     if folder is None:
         return _simulate(config, problem, grid, None, quiet)
     if config.arrays:

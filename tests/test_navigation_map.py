@@ -67,24 +67,15 @@ def test_a_grid_covers_a_rectangle_and_is_hashable():
     np.testing.assert_allclose(grid.extent, (-3, 3, -3, 3))
 
 
-def test_bilinear_is_exact_for_a_plane_and_nearest_reads_the_cell():
+def test_nearest_reads_the_cell():
     x, y = (jnp.asarray(each) for each in GRID.centres())
     plane = 2.0 + 3.0 * x - 4.0 * y + 5.0 * x * y
     batch = jnp.stack([plane, 10.0 * plane])
     rng = np.random.default_rng(1)
     px, py = (jnp.asarray(rng.uniform(low, low + width, (2, 50))) for low, width in ((-0.97, 2.14), (-0.47, 1.44)))
-    exact = (2.0 + 3.0 * px - 4.0 * py + 5.0 * px * py) * jnp.array([[1.0], [10.0]])
-    np.testing.assert_allclose(GRID.bilinear(batch, px, py, 254.0), exact, rtol=1e-9, atol=1e-9)
     row, col, _ = GRID.cell(px, py)
     np.testing.assert_array_equal(GRID.nearest(batch, px, py, 254.0), np.asarray(batch)[[[0], [1]], row, col])
-    for read in (GRID.nearest, GRID.bilinear):
-        np.testing.assert_array_equal(read(plane, jnp.array([9.0, math.nan]), jnp.zeros(2), 254.0), [254.0, 254.0])
-
-
-def test_bilinear_in_the_outer_half_cell_is_the_edge():
-    values = jnp.arange(GRID.shape[0] * GRID.shape[1], dtype=float).reshape(GRID.shape)
-    assert float(GRID.bilinear(values, -0.999, -0.499, 0.0)) == 0.0
-    assert float(GRID.bilinear(values, 1.199, 0.999, 0.0)) == GRID.shape[0] * GRID.shape[1] - 1
+    np.testing.assert_array_equal(GRID.nearest(plane, jnp.array([9.0, math.nan]), jnp.zeros(2), 254.0), [254.0, 254.0])
 
 
 # Distance transform

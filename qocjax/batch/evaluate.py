@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, replace
-from itertools import islice
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +14,7 @@ import xarray as xr
 from jax.typing import ArrayLike, DTypeLike
 
 from qocjax import _checks
+from qocjax.batch.ahead import side_by_side
 from qocjax.batch.layout import Batch, batches_of, groups_of
 from qocjax.batch.runner import Measure, Runner, metrics
 from qocjax.batch.xla import num_workers
@@ -225,29 +225,10 @@ def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
 def _in_parallel(
     run: Callable[[Batch], dict], batches: Iterable[Batch], pool: Executor | None
 ) -> Iterator[tuple[Batch, dict]]:
-    """Runs batches on the workers, a few ahead of what is taken, so that memory does not grow with the grid."""
-    workers, wide = num_workers(), jnp.result_type(float) == jnp.float64
-    device = getattr(jax.config, "jax_default_device", None)
-
-    def alike(batch: Batch) -> dict[str, np.ndarray]:
-        # Settings of the calling thread, which others do not see by themselves.
-        with jax.enable_x64(wide), jax.default_device(device):
-            return run(batch)
-
+    """Runs batches on the workers."""
+    workers = num_workers()
     with nullcontext(pool) if pool else ThreadPoolExecutor(workers) as threads:
-        source = iter(batches)
-        pending: dict[Future, Batch] = {threads.submit(alike, batch): batch for batch in islice(source, 2 * workers)}
-        try:
-            while pending:
-                done, _ = wait(pending, return_when=FIRST_COMPLETED)
-                for future in done:
-                    batch = pending.pop(future)
-                    for following in islice(source, 1):
-                        pending[threads.submit(alike, following)] = following
-                    yield batch, future.result()
-        finally:
-            for future in pending:
-                future.cancel()
+        yield from side_by_side(run, batches, threads, 2 * workers)
 
 
 def _put(

@@ -9,11 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from qocjax import _checks
-from qocjax.config.controller import map_of
 from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
 from qocjax.figures.film import FORMATS, find_ffmpeg
-from qocjax.navigation import StaticMap
 from qocjax.scenario import Design
 
 __all__ = ["ShowConfig"]
@@ -36,14 +34,6 @@ class ShowConfig(SimulationConfig):
 
     show: ShowOptions
     figures: bool
-
-    def build_map(self) -> StaticMap | None:
-        """The map that the scenario names; None on open floor.
-
-        Raises:
-            ValueError: There is no such file, or it is no map.
-        """
-        return None if self.scenario.map is None else map_of(self.build_scenario(), self.scenario.map)
 
     def build_design(self) -> Design:
         """The design that is shown.

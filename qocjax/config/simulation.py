@@ -8,10 +8,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from qocjax.config.controller import ControllerConfig
+from qocjax.config.controller import ControllerConfig, map_of
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
 from qocjax.controllers import Controller
+from qocjax.navigation import StaticMap
 from qocjax.network import Network
 from qocjax.network.dds import DdsNetwork
 from qocjax.network.schedule import Rules
@@ -104,6 +105,14 @@ class SimulationConfig(Part):
     def build_controller(self) -> Controller:
         """What computes the commands; reads the scenario's map where it has one and the controller asks for it."""
         return self.controller.build(self.build_scenario(), self.scenario.map, self.robot.omega_max)
+
+    def build_map(self) -> StaticMap | None:
+        """The map that the scenario names; None on open floor.
+
+        Raises:
+            ValueError: There is no such file, or it is no map.
+        """
+        return None if self.scenario.map is None else map_of(self.build_scenario(), self.scenario.map)
 
     def surrogate_only(self) -> None:
         """For commands that need the surrogate law.

@@ -37,10 +37,7 @@ def compared(table: pd.DataFrame, *, width: float = DOUBLE_COLUMN) -> Figure:
     Raises:
         ValueError: The table is empty, lacks a column, or holds what cannot be drawn.
     """
-    for column in _COLUMNS:
-        if column not in table.columns:
-            raise ValueError(f"table: column '{column}' is missing; got {', '.join(map(str, table.columns)) or 'none'}")
-    check_table(table, "table", ("sweep", "policy", "qoc"))
+    check_table(table, "table", ("sweep", "policy", "qoc"), _COLUMNS)
     studies, sweeps = list(dict.fromkeys(table["study"])), list(dict.fromkeys(table["sweep"]))
     policies = [name for name in POLICIES if name in set(table["policy"])]
     colours = OKABE_ITO[: len(studies)] if len(studies) <= len(OKABE_ITO) else sequence(len(studies))

@@ -34,10 +34,7 @@ def gradient_errors(table: pd.DataFrame, *, width: float = DOUBLE_COLUMN, height
     Raises:
         ValueError: The table is empty, lacks a column, or holds what cannot be drawn.
     """
-    check_table(table, "table", _NUMBERS)
-    for column in ("estimator", "sign_agreement"):
-        if column not in table.columns:
-            raise ValueError(f"table: column '{column}' is missing; got {', '.join(map(str, table.columns))}")
+    check_table(table, "table", _NUMBERS, ("estimator", "sign_agreement"))
     means = _relative(table)
     deadlines, names = sorted(table["deadline"].unique()), list(dict.fromkeys(table["estimator"]))
     horizons = sorted(table["horizon"].unique())

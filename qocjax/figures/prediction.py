@@ -32,10 +32,7 @@ def prediction_gain(table: pd.DataFrame, *, width: float = DOUBLE_COLUMN, height
     Raises:
         ValueError: The table is empty, lacks a column, or holds what cannot be drawn.
     """
-    check_table(table, "table", _NUMBERS)
-    for column in ("scenario", "metric"):
-        if column not in table.columns:
-            raise ValueError(f"table: column '{column}' is missing; got {', '.join(map(str, table.columns))}")
+    check_table(table, "table", _NUMBERS, ("scenario", "metric"))
     scenarios = list(dict.fromkeys(table["scenario"]))
     with paper_style():
         figure = Figure(figsize=(width, height), layout="constrained")

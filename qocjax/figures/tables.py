@@ -17,10 +17,11 @@ _TEXT = ("sweep", "policy")
 _UNDEFINED_FOR_ONE_SEED = ("_se", "_low", "_high")
 
 
-def check_table(table: pd.DataFrame, name: str, columns: Sequence[str]) -> None:
+def check_table(table: pd.DataFrame, name: str, columns: Sequence[str], others: Sequence[str] = ()) -> None:
     """Checks that a table has rows, the columns, known sweeps, and numbers that can be drawn.
 
-    Standard errors and interval ends may be NaN, as they are for a single seed; nothing is drawn for them then.
+    Columns among `others` have to be there, whatever they hold. Standard errors and interval ends may be NaN, as they
+    are for a single seed; nothing is drawn for them then.
 
     Raises:
         TypeError: `table` is not a DataFrame.
@@ -28,7 +29,7 @@ def check_table(table: pd.DataFrame, name: str, columns: Sequence[str]) -> None:
     """
     if not isinstance(table, pd.DataFrame):
         raise TypeError(f"{name}: expected a pandas DataFrame, got {type(table).__name__}")
-    for column in columns:
+    for column in (*columns, *others):
         if column not in table.columns:
             raise ValueError(
                 f"{name}: column '{column}' is missing; got {', '.join(map(str, table.columns)) or 'none'}"

@@ -102,27 +102,6 @@ class Grid:
         row, col, inside = self.cell(x, y)
         return jnp.where(inside, self.take(values, row, col), outside)
 
-    def bilinear(self, values: Array, x: ArrayLike, y: ArrayLike, outside: ArrayLike) -> Array:
-        """Values between the centres of four cells; in the outer half cell those of the edge.
-
-        Args:
-            values: [*B, rows, cols].
-            x: [*B, *K] (m).
-            y: [*B, *K] (m).
-            outside: Value beside the map.
-
-        Returns:
-            [*B, *K].
-        """
-        rows, cols = self.shape
-        inside = self.cell(x, y)[2]
-        row, up = _between(jnp.asarray(y), self.origin[1], self.resolution, rows, inside)
-        col, right = _between(jnp.asarray(x), self.origin[0], self.resolution, cols, inside)
-        next_row, next_col = jnp.minimum(row + 1, rows - 1), jnp.minimum(col + 1, cols - 1)
-        low = (1 - right) * self.take(values, row, col) + right * self.take(values, row, next_col)
-        high = (1 - right) * self.take(values, next_row, col) + right * self.take(values, next_row, next_col)
-        return jnp.where(inside, (1 - up) * low + up * high, outside)
-
     def take(self, values: Array, row: Array, col: Array) -> Array:
         """Values [*B, *K] of cells on the map: `values` is [*B, rows, cols], `row` and `col` are [*B, *K]."""
         batch, index = values.shape[:-2], row * self.shape[1] + col
@@ -134,10 +113,3 @@ class Grid:
         flat = values.reshape(*batch, -1)
         found = jnp.take_along_axis(flat, index.reshape(*batch, -1), axis=-1, mode="promise_in_bounds")
         return found.reshape(index.shape)
-
-
-def _between(value: Array, origin: float, resolution: float, count: int, inside: Array) -> tuple[Array, Array]:
-    """Index of the centre at or below a coordinate, and the share of the way to the next one."""
-    at = jnp.where(inside, jnp.clip((value - origin) / resolution - 0.5, 0.0, count - 1.0), 0.0)
-    index = jnp.minimum(jnp.floor(at), max(count - 2, 0))
-    return index.astype(jnp.int32), at - index

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from itertools import islice
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
-import jax.numpy as jnp
 
+from qocjax.batch.ahead import side_by_side
 from qocjax.batch.xla import num_workers
 from qocjax.study.chunks import Chunk, Failure, Problem, Result, compute
 
@@ -27,26 +26,16 @@ class LocalEngine:
         Raises:
             ValueError: What `evaluate` raises.
         """
-        wide = jnp.result_type(float) == jnp.float64
         workers, ahead = ThreadPoolExecutor(num_workers()), ThreadPoolExecutor(_UNDER_WAY)
 
         def one(chunk: Chunk) -> Result | Failure:
             try:
-                with jax.enable_x64(wide):  # a setting of the calling thread
-                    return compute(problem, chunk, workers)
+                return compute(problem, chunk, workers)
             except (MemoryError, jax.errors.JaxRuntimeError) as error:
                 return failure_of(error)
 
-        source = iter(chunks)
-        pending: dict[Future, Chunk] = {ahead.submit(one, chunk): chunk for chunk in islice(source, _UNDER_WAY)}
         try:
-            while pending:
-                done, _ = wait(pending, return_when=FIRST_COMPLETED)
-                for future in done:
-                    chunk = pending.pop(future)
-                    for following in islice(source, 1):
-                        pending[ahead.submit(one, following)] = following
-                    yield chunk, future.result()
+            yield from side_by_side(one, chunks, ahead, _UNDER_WAY)
         finally:
             workers.shutdown(wait=False, cancel_futures=True)
             ahead.shutdown(wait=False, cancel_futures=True)
