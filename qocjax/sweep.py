@@ -31,6 +31,7 @@ from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.chunks import Problem
 from qocjax.study.grid import Grid
+from qocjax.study.reliability import share_text
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
@@ -140,7 +141,7 @@ def policy_text(policies: pd.DataFrame) -> str:
             "policy": policies["policy"],
             "value": policies["value"].map("{:g}".format),
             "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format),
-            "F(Δ)": policies["reliability"].map("{:.3f}".format),
+            "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
             "QoC ± SE": [f"{q:.4f} ± {se:.4f}" for q, se in zip(policies["qoc"], policies["qoc_se"], strict=True)],
             "difference to Co-design [95 %]": [
                 "" if row.policy == "Co-design"

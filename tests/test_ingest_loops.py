@@ -221,7 +221,7 @@ def test_trace_goes_back_into_a_network(tmp_path: Path) -> None:
     trace.table.to_csv(path, index=False, float_format="%.9g")
     network = read_trace(path, "loop_time", "s", sequence="sequence", gaps_are_lost=True)
     np.testing.assert_allclose(network.delays, trace.table["loop_time"], rtol=1e-8)
-    assert network.reliability(np.inf) == pytest.approx(0.98)
+    assert network.reliability(np.inf).share == pytest.approx(0.98)
     assert network.draw(jax.random.key(0), 10, 2, PERIOD).shape == (10, 2)
 
 

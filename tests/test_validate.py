@@ -455,7 +455,7 @@ def test_recorded_runs_are_points_at_the_delays_that_their_stamps_tell(
     reads = points[points["left_out"] == ""]
     np.testing.assert_allclose(reads["d_cfg"], reads["delay"], atol=0.002)
     late = reads.groupby("delay")["late_share"].mean()
-    np.testing.assert_allclose(late, 1.0 - NET.reliability(np.array([0.17, 0.31, 0.61])), atol=0.06)
+    np.testing.assert_allclose(late, 1.0 - NET.reliability(np.array([0.17, 0.31, 0.61])).share, atol=0.06)
     assert (points["left_out"] != "").sum() == 1
     binned = validate(*where, "validation.delay_ms=null", "measured.bin_ms=20").validation.measured
     np.testing.assert_allclose(binned.delays, [0.16, 0.3, 0.6])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 from qocjax import _checks
 from qocjax.config.bounds import BoundsConfig
@@ -47,6 +48,8 @@ class AdviseConfig(SimulationConfig):
 
     advise: AdviseOptions
     figures: bool
+
+    usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
 
     def current(self) -> Design:
         """The design in use: the configured gains at the configured deadline, or the default one."""

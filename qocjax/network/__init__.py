@@ -18,8 +18,10 @@ measurements. What a completed or a missed loop does to the robot is in `qocjax.
 """
 
 from qocjax.network.completion import completes, latest
+from qocjax.network.edge import Edge
+from qocjax.network.edge_network import EdgeNetwork, with_edge
 from qocjax.network.empirical import Empirical, QuantileTable
-from qocjax.network.interface import DelayLaw, LossProcess, Network, loop_times
+from qocjax.network.interface import DelayLaw, Load, LossProcess, Network, Reliability, SharedNetwork, loop_times
 from qocjax.network.loop_network import Leg, LoopNetwork
 from qocjax.network.loss import GilbertElliott, IndependentLoss
 from qocjax.network.parametric import Constant, ShiftedGamma, ShiftedLogNormal, TruncatedNormal
@@ -30,14 +32,19 @@ from qocjax.network.trace import Trace
 __all__ = [
     "Constant",
     "DelayLaw",
+    "Edge",
+    "EdgeNetwork",
     "Empirical",
     "GilbertElliott",
     "IndependentLoss",
     "Leg",
+    "Load",
     "LoopNetwork",
     "LossProcess",
     "Network",
     "QuantileTable",
+    "Reliability",
+    "SharedNetwork",
     "ShiftedGamma",
     "ShiftedLogNormal",
     "Trace",
@@ -50,4 +57,5 @@ __all__ = [
     "read_histogram",
     "read_samples",
     "read_trace",
+    "with_edge",
 ]
