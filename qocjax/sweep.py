@@ -29,9 +29,10 @@ from qocjax.store.provenance import change_of
 from qocjax.store.study_folder import RECORD, ChunkFolder, read_identity, study_folder
 from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
+from qocjax.study.capacity import at_once_text, overload_texts, usual_load
 from qocjax.study.chunks import Problem
 from qocjax.study.grid import Grid
-from qocjax.study.reliability import share_text
+from qocjax.study.reliability import load_of, share_text
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
@@ -88,6 +89,8 @@ def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder
 
 def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFolder | None, quiet: bool) -> Study:
     selection, evaluation = config.seeds()
+    for text in overload_texts(problem.network, load_of(problem.scenario, config.loop.tau), float(grid.deadline.max())):
+        _note(text)
     ticks = sum(num_ticks(problem.scenario.horizon, tau) for tau in np.asarray(problem.designs.tau))
     bar = tqdm(
         total=ticks * len(selection) * problem.scenario.num_robots,
@@ -103,6 +106,12 @@ def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFo
 
 def _note(text: str) -> None:
     tqdm.write(f"note: {text}", file=sys.stderr)
+
+
+def study_capacity(study: Study, config: StudyConfig) -> str:
+    """How many computations at once the study takes for granted."""
+    problem = config.build_problem()
+    return at_once_text(problem.network, *usual_load(study, problem))
 
 
 def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
@@ -184,6 +193,7 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
         "seeds": {"selection": [selection.start, selection.stop], "evaluation": [evaluation.start, evaluation.stop]},
         "key": config.key,
         "network": problem.network.describe(),
+        "computations_at_once": at_once_text(problem.network, *usual_load(study, problem)),
         "path": {name: study.runs.attrs[name] for name in ("math", "dtype")},
         "configuration": study.configuration,
         "tables": digests,
@@ -224,7 +234,8 @@ def main(cfg: DictConfig) -> None:
     if text := diverged_text(study.results):
         print(f"\n{text}")
     scale = study.scale
-    print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
+    print(f"\n{study_capacity(study, config)}")
+    print(f"QoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
     print(f"Tables, figures and the record are in {folder}")
     if study.failures:
         causes = "; ".join(sorted(set(study.failures.values())))

@@ -22,7 +22,7 @@ from qocjax.config.advise import AdviseConfig
 from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
-from qocjax.network import GilbertElliott, Leg, Load, LoopNetwork, Trace, TruncatedNormal
+from qocjax.network import Edge, GilbertElliott, Leg, Load, LoopNetwork, Trace, TruncatedNormal, with_edge
 from qocjax.study.advice import Advice, plain
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.margins import Bound
@@ -114,12 +114,15 @@ def test_advice_gains_on_a_deadline_that_is_too_long(advice: Advice) -> None:
 
 def test_stress_takes_loops_away(advice: Advice) -> None:
     rows = advice.stress.set_index("what")
-    deadline, network = float(advice.recommended.deadline), paper_network()
+    deadline, network = float(advice.recommended.deadline), with_edge(paper_network(), Edge(discipline="skip"))
     assert rows.loc["delay x 1.5, deadline kept", "reliability"] == pytest.approx(
-        float(network.reliability(deadline / 1.5).share)
+        float(network.reliability(deadline / 1.5, LOAD).share)
     )
-    assert rows.loc["missed loops x 2", "reliability"] == pytest.approx(float(network.reliability(deadline).share) ** 2)
-    assert "lost messages x 2" not in rows.index  # none are lost
+    assert rows.loc["missed loops x 2", "reliability"] == pytest.approx(
+        float(network.reliability(deadline, LOAD).share) ** 2
+    )
+    kept = network.reliability(np.inf, LOAD).share  # what the busy worker does not drop
+    assert rows.loc["lost loops x 2", "reliability"] == pytest.approx(rows.loc["as it is", "reliability"] * kept)
     shares = rows["completed_share"]
     assert shares["delay x 1.5, deadline kept"] < shares["as it is"] < shares["as it is, deadline x 1.5"]
     assert rows.loc["as it is", "change"] == 0

@@ -34,16 +34,14 @@ SMALL = ["scenario.horizon=5", "loop.tau=0.05", "qos.loss=[0,0.2]", "qos.burst=[
          "~qos.profiles.RELIABLE_10_100ms"]  # fmt: skip
 
 
-def topics(**options: float) -> DdsNetwork:
+def topics() -> DdsNetwork:
     topic = Topic(TruncatedNormal(0.01, 0.003), in_order=True)
-    return DdsNetwork(uplink=topic, compute=TruncatedNormal(0.05, 0.01), downlink=topic, **options)  # type: ignore[arg-type]
+    return DdsNetwork(uplink=topic, compute=TruncatedNormal(0.05, 0.01), downlink=topic)
 
 
 @pytest.fixture(scope="module")
 def study() -> QosStudy:
-    return qos_study(
-        SCENARIO, Design(tau=0.05), topics(period=0.05), PROFILES, [0.0, 0.3], [1.0, 4.0], [0.1, 0.2, 0.4], SEEDS
-    )
+    return qos_study(SCENARIO, Design(tau=0.05), topics(), PROFILES, [0.0, 0.3], [1.0, 4.0], [0.1, 0.2, 0.4], SEEDS)
 
 
 @pytest.fixture

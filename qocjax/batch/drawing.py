@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from qocjax.network.contention import contend
 from qocjax.network.interface import Network, SharedNetwork
 
-__all__ = ["Chance", "contend", "draw_length", "draw_seeds", "loops_of"]
+__all__ = ["Chance", "draw_length", "draw_seeds", "loops_of"]
 
 
 class Chance(NamedTuple):
@@ -72,14 +73,8 @@ def draw_length(network: Network, ticks: int, tau: float, length: int) -> tuple[
     return (length, 1.0) if stable else (ticks, tau)
 
 
-@partial(jax.jit, static_argnames="network")
-def contend(network: SharedNetwork, drawn: Any, num_ticks: Array, tau: Array, deadline: Array) -> Array:
-    """Loop times [D, S, P, N] s of a network whose loops compete; arguments as for `SharedNetwork.contend`."""
-    return network.contend(drawn, num_ticks, tau, deadline).loop_times
-
-
 def loops_of(network: Network, drawn: Any, num_ticks: int, tau: float, deadline: float) -> Array:
     """Loop times [S, P, N] s at one deadline, whatever the network."""
     if not isinstance(network, SharedNetwork):
         return drawn
-    return contend(network, drawn, num_ticks, tau, jnp.asarray([deadline]))[0]
+    return contend(network, drawn, num_ticks, tau, jnp.asarray([deadline])).loop_times[0]

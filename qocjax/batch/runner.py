@@ -11,12 +11,13 @@ import numpy as np
 from jax import Array
 
 from qocjax._math import EXACT, AngleMath, angle_math
-from qocjax.batch.drawing import Chance, contend, draw_length, draw_seeds
+from qocjax.batch.drawing import Chance, draw_length, draw_seeds
 from qocjax.batch.layout import Batch, Group
 from qocjax.batch.once import Once
 from qocjax.batch.xla import compiled
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
+from qocjax.network.contention import contended, source_of, split
 from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
@@ -110,9 +111,10 @@ class Runner:
         """What the seeds of a batch fix."""
         group, device = batch.group, getattr(jax.config, "jax_default_device", None)
         ticks, tau = draw_length(self.network, group.ticks, group.tau, general_length(group.ticks))
-        args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
+        network = source_of(self.network)
+        args = (self.start, self.scenario.start_jitter, network, self.seeds[batch.seeds], np.int32(self.key))
         shapes = (*map(np.shape, args[::3]), self.start.dtype)
-        key = (self.network, *shapes, args[1], ticks, tau, device)
+        key = (network, *shapes, args[1], ticks, tau, device)
         program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
         return program(self.start, self.seeds[batch.seeds], np.int32(self.key))
 
@@ -130,12 +132,13 @@ class Runner:
     def _contend(self, network: SharedNetwork, batch: Batch, chance: Chance, limits: np.ndarray) -> np.ndarray:
         """Loop times [D, S, P, N] s at some deadlines."""
         group, width = batch.group, self.start.dtype
-        args = (chance.network, np.int32(group.ticks), np.asarray(group.tau, width), np.asarray(limits, width))
+        kind, numbers = split(network)
+        args = (numbers, chance.network, np.int32(group.ticks), np.asarray(group.tau, width), limits.astype(width))
         leaves, structure = jax.tree.flatten(args)
         shapes = tuple((np.shape(leaf), leaf.dtype) for leaf in leaves)
-        key = (network, contend, structure, shapes, getattr(jax.config, "jax_default_device", None))
-        program = _programs.get(key, lambda: compiled(contend.lower(network, *args)))
-        return np.asarray(program(*args))
+        key = (kind, structure, shapes, getattr(jax.config, "jax_default_device", None))
+        program = _programs.get(key, lambda: compiled(contended.lower(kind, *args)))
+        return np.asarray(program(*args).loop_times)
 
     def _limits(self, group: Group) -> tuple[np.ndarray, int]:
         """Deadlines whose loop times are worked out together with those of a group, and where its own is.

@@ -8,12 +8,15 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from qocjax.network.contention import contend
 from qocjax.network.edge import Edge
 from qocjax.network.edge_network import EdgeNetwork, Path
-from qocjax.network.estimate import contended, draw_parts
+from qocjax.network.estimate import draw_parts
 from qocjax.network.interface import Load, Network, SharedNetwork
 
 __all__ = ["AtOnce", "computations_at_once"]
+
+_SAME = 1e-5  # s
 
 
 class AtOnce(NamedTuple):
@@ -43,7 +46,7 @@ def computations_at_once(network: Network, load: Load, deadline: float = 0.0) ->
 @lru_cache(maxsize=128)
 def _counted(network: SharedNetwork, load: Load, deadline: float) -> AtOnce:
     drawn = draw_parts(network, load)
-    _, found = contended(network, drawn, load.num_ticks, load.tau, jnp.asarray([deadline]))
+    found = contend(network, drawn, load.num_ticks, load.tau, jnp.asarray([deadline]))
     began, busy = (np.asarray(values, np.float64)[0] for values in (found.began, found.busy))
     horizon = load.num_ticks * load.tau
     mean, peaks = [], []
@@ -52,8 +55,8 @@ def _counted(network: SharedNetwork, load: Load, deadline: float) -> AtOnce:
         served = np.isfinite(start) & (start < horizon) & (length > 0)
         begins, ends = start[served], np.minimum(start[served] + length[served], horizon)
         mean.append((ends - begins).sum() / horizon)
-        instants = np.concatenate([begins, ends])
-        order = np.lexsort((np.repeat([1, 0], begins.size), instants))  # at one instant what ends goes first
-        steps = np.repeat([1, -1], begins.size)[order]
-        peaks.append(np.cumsum(steps).max(initial=0))
+        # What follows at once on the same worker is none beside it, whatever rounding says.
+        instants = np.concatenate([begins, np.maximum(ends - _SAME, begins)])
+        order = np.lexsort((np.repeat([1, 0], begins.size), instants))
+        peaks.append(np.cumsum(np.repeat([1, -1], begins.size)[order]).max(initial=0))
     return AtOnce(float(np.mean(mean)), float(np.mean(peaks)))

@@ -2,7 +2,7 @@
 
 Times are kept relative to the arrival at hand, so that late in a run they are as exact as at its beginning: what each
 worker still has to do, how long each place has waited. `*B` is any batch, `W` workers, `N` robots that share them.
-Times closer than `slack` (s) are one instant.
+Times closer than `slack` (s) are one instant. `idle` [W, *1] is what each worker has to do at first, 0, or inf for none.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Work(NamedTuple):
     robot: Array  # [M, 1, *B] whose it is
     tick: Array  # [M, 1, *B] at which it was sampled
     compute: Array  # [M, 1, *B] s of a worker
-    limit: Array  # [M, 1, *B] s from the arrival until it is given up; inf for never, at most 0 where it never arrives
+    limit: Array  # [M, 1, *B] s from the arrival until it is given up; inf for never, 0 where it takes nothing
 
 
-def skip(work: Work, workers: int, num_robots: int, slack: Array) -> Array:
+def skip(work: Work, idle: Array, num_robots: int, slack: Array) -> Array:
     """Waiting times [M, 1, *B] (s): 0, or inf where no worker is idle."""
 
     def arrive(busy: Array, sample: Work) -> tuple[Array, Array]:
@@ -39,20 +39,20 @@ def skip(work: Work, workers: int, num_robots: int, slack: Array) -> Array:
         busy = _given(busy, serves, jnp.minimum(sample.compute, sample.limit))
         return busy, jnp.where(serves, 0.0, jnp.inf)
 
-    return lax.scan(arrive, _idle(work, workers), work)[1]
+    return lax.scan(arrive, _spread(work, idle), work)[1]
 
 
-def fifo(work: Work, workers: int, num_robots: int, slack: Array) -> Array:
+def fifo(work: Work, idle: Array, num_robots: int, slack: Array) -> Array:
     """Waiting times [M, 1, *B] (s); inf for a sample that is given up while it waits."""
 
     def arrive(busy: Array, sample: Work) -> tuple[Array, Array]:
         busy = _after(busy, sample.gap, slack)
         wait = _least(busy)
-        serves = wait < sample.limit
+        serves = sample.limit - wait > slack
         busy = _given(busy, serves, wait + jnp.minimum(sample.compute, sample.limit - wait))
         return busy, jnp.where(serves, wait, jnp.inf)
 
-    return lax.scan(arrive, _idle(work, workers), work)[1]
+    return lax.scan(arrive, _spread(work, idle), work)[1]
 
 
 @jax.tree_util.register_dataclass
@@ -70,12 +70,12 @@ class _Places:
     outcome: Array  # [N, *B] s that it waited; inf until it is served
 
 
-def latest(work: Work, workers: int, num_robots: int, slack: Array) -> Array:
+def latest(work: Work, idle: Array, num_robots: int, slack: Array) -> Array:
     """Waiting times [M, 1, *B] (s); inf for a sample that a newer one replaced, or that was given up while it waited.
 
     Newer is what was sampled later.
     """
-    length, busy = work.gap.shape[0], _idle(work, workers)
+    length, busy = work.gap.shape[0], _spread(work, idle)
     empty = jnp.zeros((num_robots, *busy.shape[1:]), busy.dtype)
     whole = jnp.zeros(empty.shape, jnp.int32)
     begin = _Places(busy, whole + _NO_TURN, empty, empty, empty, whole, whole + length, empty + jnp.inf)
@@ -98,7 +98,7 @@ def latest(work: Work, workers: int, num_robots: int, slack: Array) -> Array:
     return found[:, None]
 
 
-DISCIPLINES: dict[str, Callable[[Work, int, int, Array], Array]] = {"skip": skip, "latest": latest, "fifo": fifo}
+DISCIPLINES: dict[str, Callable[[Work, Array, int, Array], Array]] = {"skip": skip, "latest": latest, "fifo": fifo}
 
 
 def _served_until(state: _Places, gap: Array, slack: Array) -> _Places:
@@ -157,9 +157,10 @@ def _arrived(state: _Places, own: Array, number: Array, sample: Work) -> _Places
     )
 
 
-def _idle(work: Work, workers: int) -> Array:
+def _spread(work: Work, idle: Array) -> Array:
+    """What each worker [W, *1] still has to do at first, over the batch."""
     batch = jnp.broadcast_shapes(*(values.shape[2:] for values in work))
-    return jnp.zeros((workers, *batch), work.gap.dtype)
+    return jnp.broadcast_to(idle, (idle.shape[0], *batch))
 
 
 def _after(busy: Array, gap: Array, slack: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from qocjax.network._fields import plain
 from qocjax.network.arrivals import arrivals, rotation
 from qocjax.network.completion import completes
 from qocjax.network.disciplines import DISCIPLINES, Work
-from qocjax.scenario import TIME_TOLERANCE
+from qocjax.scenario import TIME_TOLERANCE, _pytree
 
 __all__ = ["Edge", "Served"]
 
@@ -26,6 +26,7 @@ class Served(NamedTuple):
     busy: Array  # [P, N, *B] s that a worker spends on it, on one that is given up too
 
 
+@_pytree
 @dataclass(frozen=True)
 class Edge:
     """Workers that compute commands.
@@ -40,13 +41,15 @@ class Edge:
     """
 
     workers: int = 1
-    per_robot: bool = True
-    discipline: str = "unlimited"
-    abort: bool = False
+    per_robot: bool = field(default=True, metadata={"static": True})
+    discipline: str = field(default="unlimited", metadata={"static": True})
+    abort: bool = field(default=False, metadata={"static": True})
+    room: int = field(init=False, metadata={"static": True})  # workers that a program serves: one for many numbers
 
     def __post_init__(self) -> None:
         _checks.choice("Edge.discipline", self.discipline, ("unlimited", *DISCIPLINES))
         object.__setattr__(self, "workers", _checks.count("Edge.workers", self.workers))
+        object.__setattr__(self, "room", 1 << (self.workers - 1).bit_length() if self.finite else 0)
         for name in ("per_robot", "abort"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"Edge.{name}: got {getattr(self, name)!r}, expected True or False")
@@ -77,8 +80,11 @@ class Edge:
         deadline = jnp.asarray(deadline, uplink.dtype)
         deadline = deadline.reshape((1,) * (uplink.ndim - deadline.ndim) + deadline.shape)
         limit = deadline - uplink if self.abort else jnp.full_like(uplink, jnp.inf)
-        limit = jnp.where(jnp.isfinite(uplink), limit, 0.0)
-        wait = self._wait(uplink, compute, limit, tau, alike) if self.finite else jnp.where(limit > 0.0, 0.0, jnp.inf)
+        # Of sums of seconds; float32 rounds those more coarsely than the model's tolerance.
+        slack = jnp.maximum(TIME_TOLERANCE * tau, 8 * float(jnp.finfo(uplink.dtype).eps))
+        limit = jnp.where(jnp.isfinite(uplink) & (limit > slack), limit, 0.0)
+        idle = jnp.where(limit > 0.0, 0.0, jnp.inf)
+        wait = self._wait(uplink, compute, limit, tau, alike, slack) if self.finite else idle
         began = uplink + wait
         ended = began + compute
         if self.abort:
@@ -88,9 +94,11 @@ class Edge:
 
     def describe(self) -> dict[str, Any]:
         """Returns the edge as plain values."""
-        return plain(self)
+        return {name: value for name, value in plain(self).items() if name != "room"}
 
-    def _wait(self, uplink: Array, compute: Array, limit: Array, tau: Array | float, alike: bool) -> Array:
+    def _wait(
+        self, uplink: Array, compute: Array, limit: Array, tau: Array | float, alike: bool, slack: Array
+    ) -> Array:
         """Waiting times [P, N, *B] s, inf where a sample is not served."""
         ticks, robots = uplink.shape[:2]
         # A robot with workers of its own is alone at its edge: one more of the batch.
@@ -100,10 +108,11 @@ class Edge:
         )
         turn = rotation(ticks, robots).reshape(ticks, sharing, robots // sharing, *(1,) * (uplink.ndim - 3))
         order = arrivals(uplink, tau, alike, turn)
-        # Of sums of seconds; float32 rounds those more coarsely than the model's tolerance.
-        slack = jnp.maximum(TIME_TOLERANCE * tau, 8 * float(jnp.finfo(uplink.dtype).eps))
         robot, tick = order.order % sharing, order.order // sharing
         parts = (order.gap, robot, tick, order.take(compute), order.take(limit))
         work = Work(*(values[:, None] for values in parts))
-        wait = DISCIPLINES[self.discipline](work, self.workers, sharing, slack)[:, 0]
+        # Beyond those that there are, workers never become idle.
+        there = jnp.arange(self.room).reshape(-1, *(1,) * (uplink.ndim - 2)) < self.workers
+        idle = jnp.where(there, jnp.zeros((), uplink.dtype), jnp.inf)
+        wait = DISCIPLINES[self.discipline](work, idle, sharing, slack)[:, 0]
         return order.put_back(wait, sharing).reshape(ticks, robots, *wait.shape[2:])

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from qocjax.network.edge import Edge, Served
 from qocjax.network.estimate import simulated
 from qocjax.network.interface import Contended, Load, Network, Reliability, Serve
+from qocjax.scenario import _pytree
 
 __all__ = ["EdgeNetwork", "Path", "edge_usage", "with_edge"]
 
@@ -40,6 +40,7 @@ class Path(Network, Protocol):
         ...
 
 
+@_pytree
 @dataclass(frozen=True)
 class EdgeNetwork:
     """A path through an edge with few workers.
@@ -49,7 +50,7 @@ class EdgeNetwork:
         edge: The workers.
     """
 
-    path: Path
+    path: Path = field(metadata={"static": True})
     edge: Edge
 
     def __post_init__(self) -> None:
@@ -73,6 +74,11 @@ class EdgeNetwork:
     def uses_deadline(self) -> bool:
         """Whether what is late is given up."""
         return self.edge.finite and self.edge.abort
+
+    @property
+    def source(self) -> EdgeNetwork:
+        """A network with the same draws, whatever the edge."""
+        return EdgeNetwork(self.path, Edge())
 
     def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
         """Draws what chance decides of one Monte Carlo seed; `contend` makes loops of it."""
@@ -148,5 +154,4 @@ def edge_usage(edge: Edge, began: Array, busy: Array, num_ticks: Array | int, ta
     instants = (jnp.arange(busy.shape[2]) * tau)[None, None, :, None]
     left = horizon - instants - jnp.where(jnp.isfinite(began), began, 0.0)
     seconds = jnp.clip(left, 0.0, busy).sum(axis=(2, 3))
-    total = edge.total(busy.shape[3])
-    return seconds / (horizon * (total if np.isfinite(total) else 1.0))
+    return seconds / (horizon * (edge.total(busy.shape[3]) if edge.finite else 1.0))

@@ -12,9 +12,10 @@ from jax import Array
 
 from qocjax.network._fields import no_nan
 from qocjax.network.completion import completes, latest
-from qocjax.network.interface import Contended, Load, Network, Reliability, SharedNetwork, general_length
+from qocjax.network.contention import contend, source_of
+from qocjax.network.interface import Load, Network, Reliability, SharedNetwork, general_length
 
-__all__ = ["SEEDS", "contended", "draw_parts", "simulated", "usage"]
+__all__ = ["SEEDS", "draw_parts", "simulated", "usage"]
 
 SEEDS = 32
 """Runs behind each estimate; common to all networks and loads, so that their differences are paired."""
@@ -67,7 +68,7 @@ def _sorted_times(network: Network, load: Load) -> np.ndarray:
     """Loop times that do not depend on the deadline, [S, P * N], ascending."""
     drawn = times = draw_parts(network, load)
     if isinstance(network, SharedNetwork):
-        times = contended(network, drawn, load.num_ticks, load.tau, jnp.zeros((1,)))[1].loop_times[0]
+        times = contend(network, drawn, load.num_ticks, load.tau, jnp.zeros((1,))).loop_times[0]
     return np.sort(np.asarray(times)[:, : load.num_ticks].reshape(SEEDS, -1), axis=1)
 
 
@@ -80,7 +81,8 @@ def _contended(
     shares: list[np.ndarray] = []
     used: list[dict[str, np.ndarray]] = []
     for deadline in deadlines:
-        done, found = contended(network, drawn, load.num_ticks, load.tau, jnp.asarray([deadline]))
+        found = contend(network, drawn, load.num_ticks, load.tau, jnp.asarray([deadline]))
+        done = completes(np.asarray(found.loop_times), deadline).sum(axis=(2, 3))
         shares.append(np.asarray(done, np.float64) / (load.num_ticks * load.num_robots))
         used.append({name: np.asarray(values, np.float64) for name, values in found.usage.items()})
     return np.concatenate(shares), {name: np.concatenate([each[name] for each in used]) for name in used[0]}
@@ -92,18 +94,9 @@ def draw_parts(network: Network, load: Load) -> Any:
     if getattr(network, "prefix_stable", False):
         ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
     keys = jax.random.split(jax.random.key(0), SEEDS)
-    return _draw(network, keys, ticks, load.num_robots, tau)
+    return _draw(source_of(network), keys, ticks, load.num_robots, tau)
 
 
 @partial(jax.jit, static_argnames=("network", "num_ticks", "num_robots", "tau"))
 def _draw(network: Network, keys: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
     return jax.vmap(lambda key: network.draw(key, num_ticks, num_robots, tau))(keys)
-
-
-@partial(jax.jit, static_argnames="network")
-def contended(
-    network: SharedNetwork, drawn: Any, num_ticks: int, tau: float, deadline: Array
-) -> tuple[Array, Contended]:
-    """Completed loops of each seed [D, S], and all that became of them; one program for all that is asked."""
-    found = network.contend(drawn, num_ticks, tau, deadline)
-    return completes(found.loop_times, deadline[:, None, None, None]).sum(axis=(2, 3)), found

@@ -14,6 +14,7 @@ from qocjax.report.delays import Completion
 from qocjax.report.hall import hall_map
 from qocjax.report.replay import Replay
 from qocjax.report.study import StudyPage
+from qocjax.study.capacity import at_once_text, usual_load
 from qocjax.study.chunks import Problem
 from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
@@ -51,7 +52,7 @@ def study_page(
         scale=study.scale,
         network=problem.network.name,
         completion=_completion(study, problem, deadlines),
-        about=_about(problem),
+        about=_about(problem) | {"Computations at once": at_once_text(problem.network, *usual_load(study, problem))},
         config="" if options is None else OmegaConf.to_yaml(OmegaConf.create(dict(options))),
         record=json.dumps(list(study.made_with), indent=2, ensure_ascii=False),
         replays=replays,

@@ -133,7 +133,7 @@ def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> 
         ("delay x 1.5, deadline x 1.5", slow, longer),
     ]
     if lost_share(network, load_of(objective.scenario, float(np.asarray(design.tau)))) > 0:
-        cases.append(("lost messages x 2", Stressed(network, double_losses=True), design))
+        cases.append(("lost loops x 2", Stressed(network, double_losses=True), design))
     cases.append(("missed loops x 2", Stressed(network, miss_deadline=deadline), design))
     table: list[dict[str, Any]] = []
     base: np.ndarray | None = None

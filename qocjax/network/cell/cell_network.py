@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -20,8 +20,11 @@ from qocjax.network.edge_network import edge_usage
 from qocjax.network.estimate import simulated
 from qocjax.network.interface import Contended, DelayLaw, Load, Reliability
 from qocjax.network.parametric import Constant
+from qocjax.scenario import _pytree
 
 __all__ = ["CellNetwork"]
+
+_FIXED = {"static": True}  # what a program is compiled for
 
 
 @jax.tree_util.register_dataclass
@@ -35,6 +38,7 @@ class Chances:
     downlink: tuple[Array, Array]
 
 
+@_pytree
 @dataclass(frozen=True, kw_only=True)
 class CellNetwork:
     """One bandwidth part for all robots; each direction first come first served; the edge in between.
@@ -55,15 +59,15 @@ class CellNetwork:
 
     uplink: Direction
     downlink: Direction
-    compute: DelayLaw = field(default_factory=Constant)
-    frame: Frame = Frame()
-    access: Access = Access()
-    stagger: bool = False
-    harq_rtt: float = 7.5e-3
-    harq_max: int = 4
-    core: float = 0.0
+    compute: DelayLaw = field(default_factory=Constant, metadata=_FIXED)
+    frame: Frame = field(default=Frame(), metadata=_FIXED)
+    access: Access = field(default=Access(), metadata=_FIXED)
+    stagger: bool = field(default=False, metadata=_FIXED)
+    harq_rtt: float = field(default=7.5e-3, metadata=_FIXED)
+    harq_max: int = field(default=4, metadata=_FIXED)
+    core: float = field(default=0.0, metadata=_FIXED)
     edge: Edge = Edge()
-    name: str = "cell"
+    name: str = field(default="cell", metadata=_FIXED)
 
     def __post_init__(self) -> None:
         store_float(self, "harq_rtt", least=0.0)
@@ -87,6 +91,12 @@ class CellNetwork:
     def uses_deadline(self) -> bool:
         """Whether what is late is given up."""
         return self.edge.finite and self.edge.abort
+
+    @property
+    def source(self) -> CellNetwork:
+        """A network with the same draws, whatever its edge and the size of its messages and slots."""
+        ways = {way: replace(getattr(self, way), message_bytes=1.0, slot_bits=1e6) for way in ("uplink", "downlink")}
+        return replace(self, edge=Edge(), **ways)
 
     def free_slots_per_s(self, way: str) -> float:
         """Slots of a direction that other traffic leaves in a second, in the mean."""

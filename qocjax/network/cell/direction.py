@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -11,10 +11,12 @@ from jax import Array
 from qocjax.network._fields import store_float
 from qocjax.network.cell.frame import Frame
 from qocjax.network.cell.traffic import OtherTraffic
+from qocjax.scenario import _pytree
 
 __all__ = ["Access", "Direction"]
 
 
+@_pytree
 @dataclass(frozen=True)
 class Direction:
     """One direction of the air.
@@ -28,8 +30,8 @@ class Direction:
 
     message_bytes: float
     slot_bits: float
-    bler: float = 0.0
-    other: OtherTraffic = OtherTraffic()
+    bler: float = field(default=0.0, metadata={"static": True})
+    other: OtherTraffic = field(default=OtherTraffic(), metadata={"static": True})
 
     def __post_init__(self) -> None:
         for name in ("message_bytes", "slot_bits"):
@@ -40,6 +42,10 @@ class Direction:
     def size(self) -> float:
         """What one transmission of a message takes, in whole slots of the direction."""
         return 8.0 * self.message_bytes / self.slot_bits
+
+    def mean_size(self, harq_max: int) -> float:
+        """What a message takes in the mean, repetitions included, in whole slots of the direction."""
+        return self.size * sum(self.bler**k for k in range(harq_max))
 
     def draw(self, key: Array, shape: tuple[int, int], frame: Frame, seconds: float) -> tuple[Array, Array]:
         """Draws failed transmissions of each message, one after the other [P, N], and slots in bursts."""
