@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from qocjax import Design, paper_network
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import StackConfig, ValidateConfig
 from qocjax.figures.save import save

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from qocjax import Design, Scenario, paper_network
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.figures.gradients import gradient_errors
 from qocjax.figures.save import save
 from qocjax.study.objective import Objective, pilot_scale

@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 from qocjax import Design, Network, QocScale, Scenario, evaluate, one_at_a_time, paper_network, run_study
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.network import Edge, LoopNetwork, TruncatedNormal, with_edge
 from qocjax.study.reliability import reliability_of
 from qocjax.study.statistics import Estimate, estimate, paired

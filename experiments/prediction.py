@@ -20,7 +20,7 @@ import xarray as xr
 from hydra import compose, initialize_config_dir
 
 from qocjax import evaluate
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.config import conf_dir, load
 from qocjax.config.show import ShowConfig
 from qocjax.config.simulation import SimulationConfig

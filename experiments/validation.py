@@ -16,7 +16,7 @@ from pathlib import Path
 import pandas as pd
 from hydra import compose, initialize_config_dir
 
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
 from qocjax.study.reliability import load_of

@@ -6,9 +6,9 @@ import functools
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import hydra
 import jax
@@ -17,11 +17,15 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
-from qocjax.batch.xla import request_whole_loop
 from qocjax.config import conf_dir
+from qocjax.config.part import Part
+from qocjax.store.study_folder import read_identity
 
-__all__ = ["command", "given_options", "output_dir", "printed_unit"]
+__all__ = ["command", "given_options", "output_dir", "printed_unit", "resumed"]
+
+C = TypeVar("C", bound=Part)
 
 
 def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
@@ -93,6 +97,28 @@ def output_dir() -> Path:
 def given_options() -> list[str]:
     """Names of the options that the command line gives, without those of Hydra itself."""
     return [re.split(r"[=@]", option.lstrip("+~"))[0] for option in HydraConfig.get().overrides.task]
+
+
+def resumed(config: C, resume: str | None, folder: Path, free: Collection[str]) -> C:
+    """The configuration that a folder holds, with the options that may change; the given one where it was given.
+
+    Args:
+        config: What the command line asks.
+        resume: The folder to go on with, if any.
+        folder: Where results go.
+        free: Options that results do not depend on.
+
+    Raises:
+        ValueError: The folder to go on with is not the one that the results go to, or holds no study.
+    """
+    if resume is None:
+        return config
+    if Path(resume).resolve() != folder.resolve():
+        raise ValueError(f"resume: got {resume} with results in {folder}, expected one folder")
+    there = read_identity(folder)["configuration"]
+    if any(name.split(".")[0] not in free for name in given_options()):
+        return config  # what was asked for, to be compared with what is there
+    return type(config).model_validate({**config.model_dump(include=set(free)), **there})
 
 
 def printed_unit(name: str) -> str:

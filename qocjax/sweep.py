@@ -14,7 +14,7 @@ import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax._command import command, given_options, output_dir
+from qocjax._command import command, output_dir, resumed
 from qocjax.config import StudyConfig, load
 from qocjax.config.study import FREE, data_of
 from qocjax.figures.beside import process_beside
@@ -26,7 +26,7 @@ from qocjax.simulate import Run
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.store.files import digest_of
 from qocjax.store.provenance import change_of
-from qocjax.store.study_folder import RECORD, ChunkFolder, read_identity, study_folder
+from qocjax.store.study_folder import RECORD, ChunkFolder, study_folder
 from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
@@ -204,27 +204,12 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
     write_json(folder / RECORD, record | provenance())
 
 
-def _resumed(config: StudyConfig, folder: Path) -> StudyConfig:
-    """The configuration of the folder, with what may change; the given one where it was given.
-
-    Raises:
-        ValueError: The folder is not the one that the results go to, or holds no study.
-    """
-    if config.resume is None:
-        return config
-    if Path(config.resume).resolve() != folder.resolve():
-        raise ValueError(f"resume: got {config.resume} with results in {folder}, expected one folder")
-    there = read_identity(folder)["configuration"]
-    if any(name.split(".")[0] not in FREE for name in given_options()):
-        return config  # what was asked for, to be compared with what is there
-    return StudyConfig.model_validate({**config.model_dump(include=set(FREE)), **there})
-
-
 @command("sweep")
 def main(cfg: DictConfig) -> None:
     """Command line."""
     folder = output_dir()
-    config = _resumed(load(StudyConfig, cfg), folder)
+    asked = load(StudyConfig, cfg)
+    config = resumed(asked, asked.resume, folder, FREE)
     try:
         with process_beside() if config.figures else nullcontext() as drawing:
             study = run(config, folder, drawing=drawing)

@@ -182,7 +182,7 @@ import json, os, random, shutil, signal, sys, time
 from pathlib import Path
 from hydra import compose, initialize_config_dir
 from qocjax import sweep
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.config import StudyConfig, conf_dir, load
 
 home, options, kills = Path(sys.argv[1]), json.loads(sys.argv[2]), int(sys.argv[3])

@@ -20,7 +20,7 @@ import psutil
 from hydra import compose, initialize_config_dir
 
 import qocjax.cluster.engine as dask_engine
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.cluster import DaskEngine
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.store import write_json

@@ -96,7 +96,7 @@ def _serve(options: dict[str, Any]) -> None:
     if options["one_core"]:
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # before any library counts its threads
     if options["whole_loop"]:
-        from qocjax.batch.xla import request_whole_loop
+        from qocjax._xla import request_whole_loop
 
         request_whole_loop()
     from experiments.bench.baselines import Unavailable
@@ -144,7 +144,7 @@ def _program(evaluate: Callable[[], np.ndarray]) -> Callable[[], np.ndarray]:
     """The compiled loops that `evaluate` calls, with the arguments that it gives them, and nothing else."""
     import jax
 
-    from qocjax.batch.xla import num_workers
+    from qocjax._xla import num_workers
 
     calls: list[tuple[jax.stages.Compiled, tuple]] = []
     call = jax.stages.Compiled.__call__

@@ -26,7 +26,7 @@ from experiments.bench.entries import ROOT
 from experiments.bench.one_batch import OneBatch, Program
 from experiments.bench.report import draw_rates, markdown, write
 from experiments.bench.timing import machine, measure
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 
 __all__ = ["bytes_per_robot_step", "copy_bandwidth", "main", "measure_batch"]
 

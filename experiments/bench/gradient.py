@@ -18,7 +18,7 @@ import numpy as np
 
 from qocjax import Design, Scenario, evaluate, gradient, paper_network
 from qocjax.batch import layout
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 from qocjax.scenario import CONTINUOUS
 
 REPEATS = 15

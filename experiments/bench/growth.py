@@ -28,7 +28,7 @@ from experiments.bench.report import draw_growth, markdown
 from experiments.bench.study import NETWORK, TAU, drawn_designs
 from experiments.bench.timing import measure
 from qocjax import Design, Scenario, evaluate
-from qocjax.batch.xla import request_whole_loop
+from qocjax._xla import request_whole_loop
 
 __all__ = ["Case", "cases", "main", "measure_case", "peak_mib"]
 

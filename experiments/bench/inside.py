@@ -73,7 +73,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XLA_FLAGS"] = f"--xla_dump_to={folder}"
         from experiments.bench.one_batch import OneBatch, Program
-        from qocjax.batch.xla import request_whole_loop
+        from qocjax._xla import request_whole_loop
 
         request_whole_loop()
         batch = OneBatch(16, 32, 3000)

@@ -25,7 +25,7 @@ import pandas as pd
 
 from experiments.bench.baselines.mppi_numpy import NumpyMppi
 from experiments.bench.timing import machine
-from qocjax.batch.xla import compiled, num_workers, request_whole_loop
+from qocjax._xla import compiled, num_workers, request_whole_loop
 from qocjax.navigation.local_path import MapCosts
 from qocjax.navigation.mppi import initial_state, step, step_each
 from qocjax.navigation.mppi_config import MppiConfig

@@ -54,7 +54,7 @@ class Program:
     def __init__(self, batch: OneBatch) -> None:
         import jax
 
-        from qocjax.batch import xla
+        from qocjax import _xla as xla
 
         self.arguments, self.plan = _arguments(batch)
         options = {"xla_cpu_prefer_vector_width": batch.vector_width, "xla_backend_optimization_level": batch.level}
@@ -138,7 +138,7 @@ def _totals(scenario: Any, design: Any, start: Any, loop_times: Any, plan: Any) 
 def _serve(batch: OneBatch) -> None:
     """Answers lines until standard input ends."""
     if batch.whole_loop:
-        from qocjax.batch.xla import request_whole_loop
+        from qocjax._xla import request_whole_loop
 
         request_whole_loop()
     program = Program(batch)

@@ -23,7 +23,7 @@ import pandas as pd
 from experiments.bench.timing import machine
 from experiments.prediction import configured
 from qocjax import evaluate
-from qocjax.batch.xla import num_workers, request_whole_loop
+from qocjax._xla import num_workers, request_whole_loop
 from qocjax.controllers import Apf, Controller
 from qocjax.navigation import NavigationStack
 

@@ -77,4 +77,4 @@ def loops_of(network: Network, drawn: Any, num_ticks: int, tau: float, deadline:
     """Loop times [S, P, N] s at one deadline, whatever the network."""
     if not isinstance(network, SharedNetwork):
         return drawn
-    return contend(network, drawn, num_ticks, tau, jnp.asarray([deadline])).loop_times[0]
+    return contend(network, drawn, num_ticks, tau, [deadline]).loop_times[0]

@@ -14,10 +14,10 @@ import xarray as xr
 from jax.typing import ArrayLike, DTypeLike
 
 from qocjax import _checks
+from qocjax._xla import num_workers
 from qocjax.batch.ahead import side_by_side
 from qocjax.batch.layout import Batch, batches_of, groups_of
 from qocjax.batch.runner import Measure, Runner, metrics
-from qocjax.batch.xla import num_workers
 from qocjax.controllers import Apf, Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules

@@ -11,13 +11,13 @@ import numpy as np
 from jax import Array
 
 from qocjax._math import EXACT, AngleMath, angle_math
+from qocjax._once import Once
+from qocjax._xla import compiled
 from qocjax.batch.drawing import Chance, draw_length, draw_seeds
 from qocjax.batch.layout import Batch, Group
-from qocjax.batch.once import Once
-from qocjax.batch.xla import compiled
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
-from qocjax.network.contention import contended, source_of, split
+from qocjax.network.contention import contend, source_of
 from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
@@ -131,14 +131,8 @@ class Runner:
 
     def _contend(self, network: SharedNetwork, batch: Batch, chance: Chance, limits: np.ndarray) -> np.ndarray:
         """Loop times [D, S, P, N] s at some deadlines."""
-        group, width = batch.group, self.start.dtype
-        kind, numbers = split(network)
-        args = (numbers, chance.network, np.int32(group.ticks), np.asarray(group.tau, width), limits.astype(width))
-        leaves, structure = jax.tree.flatten(args)
-        shapes = tuple((np.shape(leaf), leaf.dtype) for leaf in leaves)
-        key = (kind, structure, shapes, getattr(jax.config, "jax_default_device", None))
-        program = _programs.get(key, lambda: compiled(contended.lower(kind, *args)))
-        return np.asarray(program(*args).loop_times)
+        group = batch.group
+        return np.asarray(contend(network, chance.network, group.ticks, group.tau, limits).loop_times)
 
     def _limits(self, group: Group) -> tuple[np.ndarray, int]:
         """Deadlines whose loop times are worked out together with those of a group, and where its own is.

@@ -12,7 +12,7 @@ from multiprocessing import resource_tracker
 from distributed import LocalCluster
 
 from qocjax import _checks
-from qocjax.batch.xla import num_workers
+from qocjax._xla import num_workers
 
 __all__ = ["shares", "start_local"]
 

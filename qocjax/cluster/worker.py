@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from distributed import get_worker
 
-from qocjax.batch.once import Once
-from qocjax.batch.xla import num_workers, request_whole_loop, whole_loop_requested
+from qocjax._once import Once
+from qocjax._xla import num_workers, request_whole_loop, whole_loop_requested
 from qocjax.config.study import build_problem, data_of
 from qocjax.study.chunks import Chunk, Failure, Problem, Result, compute
 from qocjax.study.engine import failure_of

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from qocjax.network.contention import contend
@@ -46,7 +45,7 @@ def computations_at_once(network: Network, load: Load, deadline: float = 0.0) ->
 @lru_cache(maxsize=128)
 def _counted(network: SharedNetwork, load: Load, deadline: float) -> AtOnce:
     drawn = draw_parts(network, load)
-    found = contend(network, drawn, load.num_ticks, load.tau, jnp.asarray([deadline]))
+    found = contend(network, drawn, load.num_ticks, load.tau, [deadline])
     began, busy = (np.asarray(values, np.float64)[0] for values in (found.began, found.busy))
     horizon = load.num_ticks * load.tau
     mean, peaks = [], []

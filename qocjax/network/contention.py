@@ -1,4 +1,4 @@
-"""Compiled programs that draw from networks and work out their loops; networks that differ in numbers share them."""
+"""Compiled programs that work out the loops of networks; networks that differ in numbers share them."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from functools import partial
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from qocjax._once import Once
+from qocjax._xla import compiled
 from qocjax.network.interface import Contended, Network, SharedNetwork
 
-__all__ = ["contend", "contended", "split", "source_of"]
+__all__ = ["contend", "source_of"]
+
+_programs: Once[jax.stages.Compiled] = Once()  # of this process, each for one device
 
 
 def source_of(network: Network) -> Network:
@@ -19,25 +24,27 @@ def source_of(network: Network) -> Network:
     return getattr(network, "source", network)
 
 
-def split(network: SharedNetwork) -> tuple[Any, list[np.ndarray]]:
+def contend(network: SharedNetwork, drawn: Any, num_ticks: int, tau: float, deadline: Any) -> Contended:
+    """Works out the loops of all seeds at all deadlines, compiled; arguments as for `SharedNetwork.contend`."""
+    kind, numbers = _split(network)
+    width = jnp.result_type(float)
+    args = (numbers, drawn, np.int32(num_ticks), np.asarray(tau, width), np.asarray(deadline, width))
+    leaves, structure = jax.tree.flatten(args)
+    shapes = tuple((np.shape(leaf), leaf.dtype) for leaf in leaves)
+    key = (kind, structure, shapes, getattr(jax.config, "jax_default_device", None))
+    return _programs.get(key, lambda: compiled(_contended.lower(kind, *args)))(*args)
+
+
+def _split(network: SharedNetwork) -> tuple[Any, list[np.ndarray]]:
     """What a program is compiled for, and the numbers that it takes: those of a network that is a pytree of numbers."""
     leaves, structure = jax.tree.flatten(network)
     if all(isinstance(leaf, (int, float)) and not isinstance(leaf, bool) for leaf in leaves):
-        return structure, [np.asarray(leaf, np.int32 if isinstance(leaf, int) else None) for leaf in leaves]
+        width = jnp.result_type(float)
+        return structure, [np.asarray(leaf, np.int32 if isinstance(leaf, int) else width) for leaf in leaves]
     return network, []
 
 
 @partial(jax.jit, static_argnames="kind")
-def contended(
-    kind: Any, numbers: list[Array], drawn: Any, num_ticks: Array | int, tau: Array | float, deadline: Array
-) -> Contended:
-    """Works out loops as `SharedNetwork.contend` does, of the network that `split` took apart."""
+def _contended(kind: Any, numbers: list[Array], drawn: Any, num_ticks: Array, tau: Array, deadline: Array) -> Contended:
     network = jax.tree.unflatten(kind, numbers) if isinstance(kind, jax.tree_util.PyTreeDef) else kind
     return network.contend(drawn, num_ticks, tau, deadline)
-
-
-def contend(
-    network: SharedNetwork, drawn: Any, num_ticks: Array | int, tau: Array | float, deadline: Array
-) -> Contended:
-    """Works out the loops of all seeds at all deadlines, compiled; arguments as for `SharedNetwork.contend`."""
-    return contended(*split(network), drawn, num_ticks, tau, deadline)

@@ -2,7 +2,7 @@
 
 Times are kept relative to the arrival at hand, so that late in a run they are as exact as at its beginning: what each
 worker still has to do, how long each place has waited. `*B` is any batch, `W` workers, `N` robots that share them.
-Times closer than `slack` (s) are one instant. `idle` [W, *1] is what each worker has to do at first, 0, or inf for none.
+Times closer than `slack` (s) are one instant. `idle` [W, *1] is what each worker has to do at first: 0; inf for none.
 """
 
 from __future__ import annotations

@@ -17,6 +17,8 @@ from qocjax.scenario import TIME_TOLERANCE, _pytree
 
 __all__ = ["Edge", "Served"]
 
+_ROOM = 8  # workers that a program has room for at least, so that one serves many edges
+
 
 class Served(NamedTuple):
     """What the edge made of samples [P, N, *B]."""
@@ -49,7 +51,7 @@ class Edge:
     def __post_init__(self) -> None:
         _checks.choice("Edge.discipline", self.discipline, ("unlimited", *DISCIPLINES))
         object.__setattr__(self, "workers", _checks.count("Edge.workers", self.workers))
-        object.__setattr__(self, "room", 1 << (self.workers - 1).bit_length() if self.finite else 0)
+        object.__setattr__(self, "room", max(_ROOM, 1 << (self.workers - 1).bit_length()) if self.finite else 0)
         for name in ("per_robot", "abort"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"Edge.{name}: got {getattr(self, name)!r}, expected True or False")

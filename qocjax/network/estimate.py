@@ -6,7 +6,6 @@ from functools import lru_cache, partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -17,7 +16,7 @@ from qocjax.network.interface import Load, Network, Reliability, SharedNetwork, 
 
 __all__ = ["SEEDS", "draw_parts", "simulated", "usage"]
 
-SEEDS = 32
+SEEDS = 16
 """Runs behind each estimate; common to all networks and loads, so that their differences are paired."""
 
 
@@ -68,7 +67,7 @@ def _sorted_times(network: Network, load: Load) -> np.ndarray:
     """Loop times that do not depend on the deadline, [S, P * N], ascending."""
     drawn = times = draw_parts(network, load)
     if isinstance(network, SharedNetwork):
-        times = contend(network, drawn, load.num_ticks, load.tau, jnp.zeros((1,))).loop_times[0]
+        times = contend(network, drawn, load.num_ticks, load.tau, [0.0]).loop_times[0]
     return np.sort(np.asarray(times)[:, : load.num_ticks].reshape(SEEDS, -1), axis=1)
 
 
@@ -81,7 +80,7 @@ def _contended(
     shares: list[np.ndarray] = []
     used: list[dict[str, np.ndarray]] = []
     for deadline in deadlines:
-        found = contend(network, drawn, load.num_ticks, load.tau, jnp.asarray([deadline]))
+        found = contend(network, drawn, load.num_ticks, load.tau, [deadline])
         done = completes(np.asarray(found.loop_times), deadline).sum(axis=(2, 3))
         shares.append(np.asarray(done, np.float64) / (load.num_ticks * load.num_robots))
         used.append({name: np.asarray(values, np.float64) for name, values in found.usage.items()})

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from qocjax.batch.xla import whole_loop_requested
+from qocjax._xla import whole_loop_requested
 
 __all__ = ["change_of", "made_with", "provenance"]
 

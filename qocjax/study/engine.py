@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import jax
 
+from qocjax._xla import num_workers
 from qocjax.batch.ahead import side_by_side
-from qocjax.batch.xla import num_workers
 from qocjax.study.chunks import Chunk, Failure, Problem, Result, compute
 
 __all__ = ["LocalEngine", "failure_of"]

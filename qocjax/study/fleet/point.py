@@ -1,0 +1,74 @@
+"""What a fleet of one size does on one network: QoC by seed at the best deadline, policies, load (model, section 6)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from qocjax.network.estimate import usage
+from qocjax.scenario import Design
+from qocjax.study.chosen import place_of
+from qocjax.study.chunks import Problem
+from qocjax.study.reliability import load_of, reliability_of
+from qocjax.study.statistics import estimate
+from qocjax.study.sweep import Study, qoc_by_seed
+
+__all__ = ["BEST", "Point", "point_of", "share_interval"]
+
+BEST = "tau"  # sweep of one value, the baseline's: its Co-design is the baseline at its best deadline
+
+
+@dataclass(frozen=True)
+class Point:
+    """A fleet at the best deadline of the baseline; chosen on some seeds, judged on the others."""
+
+    robots: int
+    deadline: float  # s
+    scores: np.ndarray  # [S] QoC by evaluation seed
+    collided: np.ndarray  # [S] whether two robots came closer than two radii
+    row: dict[str, Any]  # all of it as plain values, SI units
+
+
+def point_of(study: Study, problem: Problem) -> Point:
+    """Reads a point from a study whose grid has the sweep `BEST`."""
+    best = study.policies[(study.policies["sweep"] == BEST) & (study.policies["policy"] == "Co-design")].iloc[0]
+    deadline, robots = float(best["deadline"]), problem.scenario.num_robots
+    at = study.results[(study.results["sweep"] == BEST) & (study.results["deadline"] == deadline)].iloc[0]
+    design = Design(**{name: float(at[name]) for name in Design.__dataclass_fields__})
+    k = place_of(study.evaluation, design)
+    scores = qoc_by_seed(study.evaluation, study.scale)[k]
+    collided = study.evaluation["collided"].values[k].astype(bool)
+    score, load = estimate(scores), load_of(problem.scenario, float(design.tau))  # type: ignore[arg-type]
+    share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)
+    low, high = share_interval(int(collided.sum()), collided.size)
+    row: dict[str, Any] = {
+        "robots": robots, "tau": float(np.asarray(design.tau)), "deadline": deadline,
+        "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
+        "auc": float(best["auc"]), "auc_se": float(best["auc_se"]),
+        "reliability": float(share), "reliability_se": float(error),
+        "collision_share": float(collided.mean()), "collision_low": low, "collision_high": high,
+    }  # fmt: skip
+    for name, (used, spread) in usage(problem.network, deadline, load).items():
+        row |= {f"{name}_usage": used, f"{name}_usage_se": spread}
+    return Point(robots, deadline, scores, collided, row | _policies(study.policies) | {"seeds": scores.size})
+
+
+def _policies(policies: pd.DataFrame) -> dict[str, Any]:
+    """QoC and deadline of each policy over what the fleet tunes: the best of its sweeps as chosen."""
+    found: dict[str, Any] = {}
+    for policy, rows in policies.groupby("policy", sort=False):
+        best = rows.loc[rows["qoc_selection"].idxmax()]
+        name = str(policy).lower().replace("-", "_")
+        found |= {f"{name}_sweep": best["sweep"], f"{name}_value": float(best["value"])}
+        found |= {f"{name}_{part}": float(best[part]) for part in ("deadline", "qoc", "qoc_se", "qoc_low", "qoc_high")}
+    return found
+
+
+def share_interval(count: int, of: int) -> tuple[float, float]:
+    """Clopper and Pearson's 95 % interval of a share."""
+    found = stats.binomtest(count, of).proportion_ci()
+    return float(found.low), float(found.high)
