@@ -5,11 +5,14 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
+from qocjax import _checks
 from qocjax._command import command, output_dir, printed_unit
 from qocjax.config import load
 from qocjax.config.codesign import CodesignConfig
@@ -17,9 +20,12 @@ from qocjax.figures.codesign import draw_codesign
 from qocjax.quality import QocScale
 from qocjax.scenario import Design
 from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.study.capacity import at_once_text
 from qocjax.study.objective import Objective, pilot_scale
-from qocjax.study.pareto import demand_front
+from qocjax.study.pareto import demand_front, worker_front
+from qocjax.study.reliability import load_of
 from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
+from qocjax.study.search.limits import DEMANDS
 
 __all__ = ["Codesign", "main", "run", "summary"]
 
@@ -29,7 +35,8 @@ class Codesign:
     """What the command found."""
 
     contest: Contest
-    front: pd.DataFrame | None  # None where it was left out
+    front: pd.DataFrame | None  # best design of each sampling period; None where it was left out
+    workers: pd.DataFrame | None  # best design for each number of workers; None where it was left out
     scale: QocScale
     simulations: int  # of everything
 
@@ -51,6 +58,7 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
     for method in [*methods, *([config.front.method] if config.front else [])]:
         if method not in METHODS:
             raise ValueError(f"search.methods: got {method!r}, expected some of {', '.join(METHODS)}")
+    _check_scarce(config, problem)
     parts = len(methods) * config.search.repetitions + 3
     with tqdm(total=parts, desc="co-design", file=sys.stderr, disable=True if quiet else None) as bar:
 
@@ -64,17 +72,39 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
             progress=progress,
         )  # fmt: skip
         progress("front of QoC against demand")
-        front = None
+        front = workers = None
         if config.front is not None:
             seeds = range(FIRST["judge"], FIRST["judge"] + judge_seeds)
             also = Design(**{item.name: contest.finals[item.name].to_numpy(float) for item in fields(Design)})
-            front = demand_front(problem, config.front.method, config.front.budget, seeds, also, key=config.key)
-    found = Codesign(contest, front, problem.objective.scale, problem.objective.simulations)
+            options: dict[str, Any] = {"method": config.front.method, "budget": config.front.budget, "key": config.key}
+            front = demand_front(problem, seeds=seeds, also=also, against=config.front.against, **options)
+            if config.front.workers:
+                workers = worker_front(problem, workers=config.front.workers, seeds=seeds, **options)
+    found = Codesign(contest, front, workers, problem.objective.scale, problem.objective.simulations)
     if folder is not None:
         _write(found, config, problem, folder)
         if config.figures:
-            draw_codesign(contest.curve, contest.policies, front, folder / "figures", measure=config.search.measure)
+            against = config.front.against if config.front else "loops_per_s"
+            draw_codesign(contest.curve, contest.policies, front, folder / "figures", measure=config.search.measure,
+                          against=against, workers=workers)  # fmt: skip
     return found
+
+
+def _check_scarce(config: CodesignConfig, problem: Problem) -> None:
+    """Checks that what is limited or traded is something that the network tells."""
+    front, network = config.front, problem.objective.network
+    if front is not None:
+        _checks.choice("front.against", front.against, DEMANDS)
+        for count in front.workers:
+            _checks.count("front.workers", count)
+        if front.workers and not getattr(getattr(network, "edge", None), "finite", False):
+            raise ValueError(
+                f"front.workers: got {front.workers} on {network.name!r}, expected [] without a finite edge"
+            )
+    asked = config.limits.workers is not None or (front is not None and front.against == "workers")
+    if asked and np.isnan(problem.objective.workers(problem.space.tau)).any():
+        raise ValueError(f"limits.workers, front.against: got workers on {network.name!r}, expected another demand: it "
+                         "does not tell how many computations it had under way")  # fmt: skip
 
 
 def _problem(config: CodesignConfig) -> Problem:
@@ -134,11 +164,18 @@ def summary(found: Codesign, measure: str = "mean") -> str:
     return "\n".join(lines)
 
 
+def capacity_text(found: Codesign, config: CodesignConfig) -> str:
+    """How many computations at once the chosen design takes."""
+    best, scenario = found.contest.chosen, config.build_scenario()
+    return at_once_text(config.build_network(), load_of(scenario, float(best["tau"])), float(best["deadline"]))
+
+
 def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Path) -> None:
     contest = found.contest
     tables = {"finals": contest.finals, "curve": contest.curve, "ties": contest.ties}
     tables |= {} if contest.policies.empty else {"policies": contest.policies}
     tables |= {} if found.front is None else {"front": found.front}
+    tables |= {} if found.workers is None else {"workers": found.workers}
     for name, table in tables.items():
         write_table(folder / name, table)
     write_config(folder, config.model_dump())
@@ -154,6 +191,7 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
         "simulations": found.simulations,
         "key": config.key,
         "network": problem.objective.network.describe(),
+        "computations_at_once": capacity_text(found, config),
     }
     write_json(folder / "record.json", record | provenance())
 
@@ -165,7 +203,8 @@ def main(cfg: DictConfig) -> None:
     folder = output_dir()
     found = run(config, folder)
     print(summary(found, config.search.measure))
-    print(f"\nQoC is relative to J_med = {found.scale.median:.4g} s and J_max = {found.scale.largest:.4g} s, of the "
+    print(f"\n{capacity_text(found, config)}")
+    print(f"QoC is relative to J_med = {found.scale.median:.4g} s and J_max = {found.scale.largest:.4g} s, of the "
           f"baseline over the deadline axis unless given.")  # fmt: skip
     print(f"Tables, figures and the record are in {folder}")
 

@@ -20,10 +20,10 @@ from qocjax.codesign import run, summary
 from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.codesign import qoc_against_demand, search_curves
-from qocjax.network import Constant, LoopNetwork, Reliability
+from qocjax.network import Constant, Edge, LoopNetwork, Reliability, with_edge
 from qocjax.network.demand import Demand, Traffic
 from qocjax.study.objective import Objective
-from qocjax.study.pareto import demand_front, on_front
+from qocjax.study.pareto import demand_front, on_front, worker_front
 from qocjax.study.search import (
     METHODS,
     BudgetSpentError,
@@ -165,6 +165,21 @@ def test_limits_known_without_simulation_narrow_the_space() -> None:
     axis = replace(space, deadline=[0.1, 0.2, 0.3], deadline_axis=True)
     assert Limits(reliability=0.6).narrowed(axis, completing, demanded).deadline == (0.3,)
     assert Limits(loops_per_s=1.0).narrowed(space, completing, demanded) == space  # nothing keeps it
+
+
+def test_workers_are_a_limit_and_an_axis_of_the_front() -> None:
+    paper = toy().objective
+    busy = paper.workers(np.array([0.1, 0.01]))
+    np.testing.assert_allclose(busy, [4.0, 40.0], rtol=0.02)  # two robots, 0.2 s each
+    asked = Limits(workers=5.0).narrowed(Space(BOUNDS, TAUS, (0.05, 0.8)), completing,
+                                         lambda tau: Traffic().of(tau, 2, paper.workers(tau)))  # fmt: skip
+    assert asked.tau == tuple(tau for tau in TAUS if tau >= 0.1)
+    one_each = replace(toy(), objective=replace(paper, network=with_edge(paper_network(), Edge(discipline="skip"))))
+    table = worker_front(one_each, "random", 4096, [1, 3], range(900, 932))
+    assert table["edge_workers"].tolist() == [1, 3] and table["front"].iloc[0]
+    assert table["workers"].iloc[0] <= 2.0 + 1e-3 and table["workers"].iloc[1] > 2.0  # of two robots
+    with pytest.raises(ValueError, match=r"front.workers: got \[1\] on 'paper' without a finite edge"):
+        worker_front(toy(), "random", 4096, [1], range(900, 932))
 
 
 def test_cvar_is_the_mean_of_the_worst_part() -> None:

@@ -36,7 +36,10 @@ class LimitsConfig(Part):
     loops_per_s: float | None
     uplink_kbit_s: float | None
     downlink_kbit_s: float | None
+    uplink_blocks: float | None
+    downlink_blocks: float | None
     carrier_share: float | None
+    workers: float | None
 
     def build(self) -> Limits:
         """The limits."""
@@ -73,6 +76,8 @@ class FrontConfig(Part):
 
     method: str
     budget: int
+    against: str
+    workers: list[int]
 
 
 class CodesignConfig(SweptConfig):

@@ -22,6 +22,7 @@ __all__ = ["draw_codesign", "qoc_against_demand", "search_curves"]
 _CURVE = ("repetition", "simulations", "score", "feasible")
 _DEMANDS = {"uplink_kbit_s": "Uplink (kbit/s)", "uplink_blocks": "Uplink (5G PRBs)"}
 _FRONT = ("tau", "loops_per_s", *_DEMANDS, "score", "score_low", "score_high", "feasible", "front")
+_WORKERS = {"workers": "Workers busy in the mean", "edge_workers": "Workers of the edge"}
 _NAMES = {
     "random": "random",
     "sobol": "Sobol, halving",
@@ -112,17 +113,23 @@ def _label_counts(axes: Axes, counts: np.ndarray) -> None:
 
 
 def qoc_against_demand(
-    front: pd.DataFrame, *, measure: str = "mean", width: float = SINGLE_COLUMN, height: float = 3.2
+    front: pd.DataFrame,
+    against: str = "loops_per_s",
+    *,
+    measure: str = "mean",
+    width: float = SINGLE_COLUMN,
+    height: float = 3.2,
 ) -> Figure:
-    """Draws the best design of each sampling period: score with its interval against what it asks of the network.
+    """Draws the best design of each sampling period, or number of workers: score against what it asks.
 
-    All demands are proportional to loops per second; above are the uplink's rate and its mean number of 5G resource
-    blocks.
+    What a message asks of the network is proportional to loops per second; above are the uplink's rate and its mean
+    number of 5G resource blocks. Workers are not, and have an axis of their own.
 
     Filled points are on the front, open ones are beaten by a design that asks for less, crosses break the limits.
 
     Args:
-        front: One row per sampling period.
+        front: One row per sampling period, or number of workers.
+        against: `loops_per_s`, `workers` (busy in the mean) or `edge_workers` (that there are).
         measure: `mean` or `cvar`, for the axis.
         width: Inches.
         height: Inches.
@@ -130,14 +137,14 @@ def qoc_against_demand(
     Raises:
         ValueError: The table is empty, lacks a column, or holds what cannot be drawn.
     """
-    check_table(front, "front", _FRONT)
-    rows = front.sort_values("loops_per_s")
+    check_table(front, "front", (*_FRONT, against))
+    rows = front.sort_values(against)
     kept = rows["feasible"].astype(bool)
     with paper_style():
         figure = Figure(figsize=(width, height))
         axes = figure.add_axes((0.155, 0.27, 0.815, 0.455))  # by hand: no layout knows of the axes far above
         best = rows[rows["front"].astype(bool)]
-        axes.step(best["loops_per_s"], best["score"], where="post", color=OKABE_ITO[0], lw=0.8, zorder=2)
+        axes.step(best[against], best["score"], where="post", color=OKABE_ITO[0], lw=0.8, zorder=2)
         for part, fill, marker, label in (
             (best, OKABE_ITO[0], "o", "on the front"),
             (rows[kept & ~rows["front"].astype(bool)], "w", "o", "beaten by less demand"),
@@ -145,16 +152,22 @@ def qoc_against_demand(
         ):
             if not part.empty:
                 reach = np.abs(part[["score_low", "score_high"]].to_numpy(float).T - part["score"].to_numpy(float))
-                axes.errorbar(part["loops_per_s"], part["score"], reach, ls="", color=OKABE_ITO[0], ms=4, capsize=1.6,
+                axes.errorbar(part[against], part["score"], reach, ls="", color=OKABE_ITO[0], ms=4, capsize=1.6,
                               elinewidth=0.7, label=label, zorder=3, mfc=fill, marker=marker)  # fmt: skip
         for row in rows.itertuples():
-            text = axes.annotate(f"{1e3 * row.tau:g}", (row.loops_per_s, row.score_low), (0, -3), ha="center", va="top",
-                                 textcoords="offset points", fontsize=6.5, color=GREY)  # fmt: skip
+            place = (getattr(row, against), row.score_low)
+            text = axes.annotate(f"{1e3 * row.tau:g}", place, (0, -3), ha="center", va="top", fontsize=6.5, color=GREY,
+                                 textcoords="offset points")  # fmt: skip
             text.set_path_effects([Stroke(linewidth=2.0, foreground="w"), Normal()])
-        _label_demand(axes, rows)
+        if against == "loops_per_s":
+            _label_demand(axes, rows)
+        else:
+            axes.set_xscale("log")
+            _label_steps(axes.xaxis, rows[against])
+            axes.set_xlabel(_WORKERS[against])
         axes.set_ylabel(_LABELS.get(measure, measure))
         axes.margins(x=0.08, y=0.2)
-        figure.legend(loc="lower center", ncols=3, title=r"best design of each $\tau$ (ms, at the points)")
+        figure.legend(loc="lower center", ncols=3, title=r"best design of each, $\tau$ in ms at the points")
     return figure
 
 
@@ -180,9 +193,16 @@ def _label_steps(axis: Axis, values: pd.Series) -> None:
 
 
 def draw_codesign(
-    curve: pd.DataFrame, policies: pd.DataFrame, front: pd.DataFrame | None, folder: Path, *, measure: str = "mean"
+    curve: pd.DataFrame,
+    policies: pd.DataFrame,
+    front: pd.DataFrame | None,
+    folder: Path,
+    *,
+    measure: str = "mean",
+    against: str = "loops_per_s",
+    workers: pd.DataFrame | None = None,
 ) -> list[Path]:
-    """Draws the search, and the front where there is one.
+    """Draws the search, and the fronts that there are.
 
     Args:
         curve: Best design known against simulations spent.
@@ -190,11 +210,16 @@ def draw_codesign(
         front: Best design of each sampling period, or None.
         folder: Where the files go.
         measure: `mean` or `cvar`.
+        against: What the front is one against.
+        workers: Best design for each number of workers, or None.
 
     Returns:
         The files, a PNG and a PDF of each figure.
     """
     paths = save(search_curves(curve, policies, measure=measure), folder / "search")
     if front is not None:
-        paths += save(qoc_against_demand(front, measure=measure), folder / "front")
+        axis = against if against in _WORKERS else "loops_per_s"
+        paths += save(qoc_against_demand(front, axis, measure=measure), folder / "front")
+    if workers is not None:
+        paths += save(qoc_against_demand(workers, "edge_workers", measure=measure), folder / "workers")
     return paths

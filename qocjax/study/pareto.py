@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
+from qocjax import _checks
+from qocjax.network.edge import Edge
 from qocjax.scenario import Design
 from qocjax.study.search import CHOICE_SEEDS, FIRST, Problem, find, judge, stacked, take
+from qocjax.study.search.limits import DEMANDS
 
-__all__ = ["demand_front", "on_front"]
+__all__ = ["demand_front", "on_front", "worker_front"]
 
 
 def on_front(demand: ArrayLike, score: ArrayLike) -> np.ndarray:
@@ -31,13 +36,20 @@ def on_front(demand: ArrayLike, score: ArrayLike) -> np.ndarray:
 
 
 def demand_front(
-    problem: Problem, method: str, budget: int, seeds: range, also: Design | None = None, *, key: int = 0
+    problem: Problem,
+    method: str,
+    budget: int,
+    seeds: range,
+    also: Design | None = None,
+    *,
+    against: str = "loops_per_s",
+    key: int = 0,
 ) -> pd.DataFrame:
     """The best design of each sampling period, which alone sets the demand, judged on fresh seeds.
 
     Each sampling period has its own search. What they find is then tried at every sampling period, on the choice
-    seeds: what is good at one is often good at its neighbours.
-    The loop times are those of the network whatever the demand: a network that slows down under load is not modelled.
+    seeds: what is good at one is often good at its neighbours. Whether the network slows down under the load of a
+    sampling period is the network's affair: one with a finite edge or a shared cell does.
 
     Args:
         problem: What is to be found; its space names the sampling periods.
@@ -45,21 +57,62 @@ def demand_front(
         budget: Simulations of each search.
         seeds: To judge on.
         also: Further designs to try at every sampling period.
+        against: What the front trades the score for, of `DEMANDS`.
         key: Root of the random numbers of the method.
 
     Returns:
-        The table of `judge` with `front`: on the front of score against loops per second, among those that keep the
-        limits.
+        The table of `judge` with `front`: on the front of score against that demand, among those that keep the limits.
+
+    Raises:
+        ValueError: An unknown demand, or one that the network does not tell.
     """
+    _checks.choice("front.against", against, DEMANDS)
     candidates = [] if also is None else [also]
     for place, tau in enumerate(problem.space.tau):
         only = replace(problem, space=replace(problem.space, tau=(tau,)))
         candidates.append(find(only, method, budget, repetition=_FIRST + place, key=key).finalists)
-    designs = _best_of_each_tau(problem, stacked(candidates))
-    table = judge(problem, designs, seeds).table
+    table = judge(problem, _best_of_each_tau(problem, stacked(candidates)), seeds).table
+    return _with_front(table, against)
+
+
+def worker_front(
+    problem: Problem, method: str, budget: int, workers: Sequence[int], seeds: range, *, key: int = 0
+) -> pd.DataFrame:
+    """The best design for each number of workers of the edge, judged on fresh seeds: what is scarce as an objective.
+
+    Args:
+        problem: What is to be found, on a network with a finite edge.
+        method: That searches for each number.
+        budget: Simulations of each search.
+        workers: Numbers of workers, of each robot or of all as the edge says.
+        seeds: To judge on.
+        key: Root of the random numbers of the method.
+
+    Returns:
+        The table of `judge` with `edge_workers` and `front`.
+
+    Raises:
+        ValueError: The network has no finite edge.
+    """
+    network: Any = problem.objective.network
+    if not getattr(getattr(network, "edge", None), "finite", False):
+        raise ValueError(f"front.workers: got {list(workers)} on {network.name!r} without a finite edge, expected []")
+    rows = []
+    for place, count in enumerate(workers):
+        given = replace(network, edge=Edge(count, network.edge.per_robot, network.edge.discipline, network.edge.abort))
+        here = replace(problem, objective=replace(problem.objective, network=given, simulations=0))
+        found = find(here, method, budget, repetition=_FIRST + _APART + place, key=key)
+        rows.append(judge(here, found.design, seeds).table.assign(edge_workers=count))
+        problem.objective.simulations += here.objective.simulations
+    return _with_front(pd.concat(rows, ignore_index=True), "edge_workers")
+
+
+def _with_front(table: pd.DataFrame, against: str) -> pd.DataFrame:
+    if table[against].isna().any():
+        raise ValueError(f"front.against: got {against}, which the network does not tell, expected another demand")
     kept = table["feasible"].to_numpy()
     table["front"] = False
-    table.loc[kept, "front"] = on_front(table.loc[kept, "loops_per_s"], table.loc[kept, "score"])
+    table.loc[kept, "front"] = on_front(table.loc[kept, against], table.loc[kept, "score"])
     return table
 
 
@@ -78,5 +131,5 @@ def _best_of_each_tau(problem: Problem, candidates: Design) -> Design:
     return stacked(chosen)
 
 
-_FIRST = 100  # the numbers below are those of the repetitions of a comparison
+_FIRST, _APART = 100, 100  # the numbers below are those of the repetitions of a comparison
 _KEPT = 12

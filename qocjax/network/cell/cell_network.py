@@ -90,7 +90,7 @@ class CellNetwork:
     @property
     def uses_deadline(self) -> bool:
         """Whether what is late is given up."""
-        return self.edge.finite and self.edge.abort
+        return self.edge.abort
 
     @property
     def source(self) -> CellNetwork:

@@ -53,7 +53,7 @@ class OtherTraffic:
         return self.share + (self.burst_share * self.burst_time if self.bursty else 0.0)
 
     def draw(self, key: Array, frame: Frame, seconds: float) -> Array:
-        """Draws which slots of that time lie in a burst, booleans [slots]; none without bursts."""
+        """Draws which slots of that time lie in a burst, booleans [slots], whole patterns; none without bursts."""
         if not self.bursty:
             return jnp.zeros((0,), bool)
         pause = self.burst_length * (1.0 / self.burst_time - 1.0)
@@ -64,7 +64,8 @@ class OtherTraffic:
         lengths = jax.random.exponential(of_length, (2 * pairs,))
         on = (jnp.arange(2 * pairs) + begins_on) % 2 == 1
         changes = jnp.cumsum(lengths * jnp.where(on, self.burst_length, pause))
-        instants = jnp.arange(math.ceil(seconds / frame.slot)) * frame.slot
+        pattern = len(frame.pattern)  # what comes round again keeps the direction of its slots
+        instants = jnp.arange(math.ceil(seconds / (pattern * frame.slot)) * pattern) * frame.slot
         return (jnp.searchsorted(changes, instants, side="right") + begins_on) % 2 == 1
 
     def describe(self) -> dict[str, Any]:
@@ -115,6 +116,5 @@ class Capacity:
         assert self.on is not None
         length = self.on.shape[0] - 1
         whole = frame.before(jnp.asarray(length), direction) * self.free - self.on[-1:] * self.burst
-        # A round that ends inside a pattern may carry a slot or two less than the one before it.
-        rounds = jnp.ceil((need + 2.0) / jnp.maximum(whole - 2.0, 1e-3)) + 1.0
+        rounds = jnp.ceil(need / jnp.maximum(whole, 1e-3)) + 1.0
         return (jnp.minimum(rounds, 2**30 // length) * length).astype(jnp.int32)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from qocjax import _checks
 from qocjax.study.fleet.point import Point
@@ -38,7 +39,7 @@ class Crossing:
     """Where mean QoC crosses the target between two values of an axis, linear in its logarithm."""
 
     value: float | None  # None where it does not
-    low: float | None  # 95 % bootstrap interval over seeds; None beyond the axis
+    low: float | None  # 95 % bootstrap interval over seeds, for few of them as wide as Student's; None beyond the axis
     high: float | None
     beyond: str  # "": on the axis; "below": even the first value misses the target; "above": even the last keeps it
 
@@ -48,19 +49,32 @@ def crossing(axis: ArrayLike, scores: Sequence[np.ndarray], target: float, rando
 
     Args:
         axis: [C] positive, ascending.
-        scores: For each value its scores by seed, [S]; seeds of different values are independent.
+        scores: For each value its scores by seed, [S], all on the same seeds: what they owe to a seed stays together.
         target: The score to keep.
         random: Seed of the bootstrap.
+
+    Raises:
+        ValueError: Different numbers of seeds.
     """
-    places, rng = np.log(np.asarray(axis, float)), np.random.default_rng(random)
-    own = _last(places, np.array([[each.mean() for each in scores]]), target)[0]
-    drawn = np.stack(
-        [each[rng.integers(0, each.size, (_RESAMPLES, each.size))].mean(axis=1) for each in scores], axis=1
-    )
-    low, high = np.quantile(_last(places, drawn, target), [0.025, 0.975], method="inverted_cdf")
+    if len({len(each) for each in scores}) != 1:
+        raise ValueError(f"scores: got {[len(each) for each in scores]} seeds, expected the same at every value")
+    table, places = np.array(scores), np.log(np.asarray(axis, float))  # [C, S], [C]
+    seeds = table.shape[1]
+    own = _last(places, table.mean(axis=1)[None], target)[0]
+    drawn = np.random.default_rng(random).integers(0, seeds, (_RESAMPLES, seeds))
+    tail = _tail(seeds)
+    low, high = np.quantile(_last(places, table[:, drawn].mean(axis=2).T, target), [tail, 1 - tail],
+                            method="inverted_cdf")  # fmt: skip
     beyond = "below" if own == -np.inf else "above" if own == np.inf else ""
     value, first, last = (float(np.exp(each)) if np.isfinite(each) else None for each in (own, low, high))
     return Crossing(value, first, last, beyond)
+
+
+def _tail(seeds: int) -> float:
+    """Share of resamples on each side of the interval: of few seeds they spread less than Student's law says."""
+    if seeds < 2:
+        return 0.0
+    return float(special.ndtr(special.stdtrit(seeds - 1, 0.025) * np.sqrt(seeds / (seeds - 1))))
 
 
 def largest_fleet(points: Sequence[Point], asked: Asked) -> int | None:

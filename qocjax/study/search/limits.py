@@ -14,7 +14,7 @@ from qocjax.network.interface import Reliability
 from qocjax.scenario import Design
 from qocjax.study.search.space import Space
 
-__all__ = ["Limits"]
+__all__ = ["DEMANDS", "Limits"]
 
 Completing = Callable[[ArrayLike, ArrayLike], Reliability]
 """F of deadlines and sampling periods (s)."""
@@ -50,7 +50,7 @@ class Limits:
         for name in ("collision_share", "reliability"):
             if getattr(self, name) is not None:
                 _checks.bounded(name, getattr(self, name), least=0, most=1, shape=())
-        for name in _DEMANDS:
+        for name in DEMANDS:
             if getattr(self, name) is not None:
                 _checks.bounded(name, getattr(self, name), above=0, shape=())
 
@@ -59,7 +59,7 @@ class Limits:
         excess = np.zeros(np.shape(designs.deadline))
         if self.reliability is not None:
             excess = excess + np.maximum(self.reliability - reliability(designs.deadline, designs.tau).share, 0.0)
-        for name in _DEMANDS:
+        for name in DEMANDS:
             if (limit := getattr(self, name)) is not None:
                 excess = excess + np.maximum(getattr(demand, name) / limit - 1.0, 0.0)
         return excess
@@ -90,7 +90,7 @@ class Limits:
         tau = np.asarray(space.tau)
         demand = demanded(tau)
         kept = np.ones(tau.size, bool)
-        for name in _DEMANDS:
+        for name in DEMANDS:
             if (limit := getattr(self, name)) is not None:
                 kept &= getattr(demand, name) <= limit
         found = space if not kept.any() else replace(space, tau=tuple(tau[kept]))
@@ -118,7 +118,7 @@ class Limits:
         return space if inside >= high else replace(space, deadline=(inside, high))
 
 
-_DEMANDS = (
+DEMANDS = (
     "loops_per_s", "uplink_kbit_s", "downlink_kbit_s", "uplink_blocks", "downlink_blocks", "carrier_share", "workers"
 )  # fmt: skip
 
