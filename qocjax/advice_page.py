@@ -74,6 +74,7 @@ def _network_lines(advice: Advice) -> list[str]:
         f"F({_ms(advice.current.deadline)} ms) = {f_current}; rank correlation of successive delays: "
         + ("not defined" if hangs is None else f"{hangs:.2f}"),
         f"  at {_ms(advice.recommended.deadline)} ms {bursts}",
+        f"  {advice.capacity}",
     ]
 
 

@@ -15,6 +15,7 @@ from qocjax.network import Load, Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
+from qocjax.study.capacity import at_once_text
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.margins import Bound, Margin, deadline_margin
 from qocjax.study.objective import Objective, pilot_scale
@@ -37,6 +38,7 @@ class Advice:
 
     network: dict[str, Any]  # what the network is
     character: dict[str, Any]  # how it behaves at the recommended deadline
+    capacity: str  # how many computations at once it takes, in a line
     recommended: Design
     current: Design  # what it is compared with
     max_collision_share: float  # the limit that it was chosen under
@@ -107,6 +109,7 @@ def advise(
     return Advice(
         network=network.describe(),
         character=characterise(network, load, float(np.asarray(best.deadline)), key),
+        capacity=at_once_text(network, load, float(np.asarray(best.deadline))),
         recommended=best,
         current=current,
         max_collision_share=max_collision_share,
