@@ -64,7 +64,8 @@ def advice_values(advice: Advice) -> dict:
     found = {
         "recommended": advice.recommended, "current": advice.current, "current_policy": advice.policy,
         "max_collision_share": advice.max_collision_share,
-        "network": advice.network, "computations_at_once": advice.capacity, "loop": advice.character, "judged": advice.judged, "stress": advice.stress,
+        "network": advice.network, "computations_at_once": advice.capacity, "loop": advice.character,
+        "judged": advice.judged, "stress": advice.stress,
         "margin": advice.margin, "current_margin": advice.current_margin, "ties": advice.ties,
         "slack": advice.slack and {name: getattr(advice.slack, name) for name in _SLACK},
         "growth": advice.growth, "elasticities": advice.elasticities, "sobol": advice.sobol,
