@@ -114,7 +114,7 @@ WORK = TruncatedNormal(0.03, 0.015)
 RANDOM = {
     "HARQ and losses": (3, 0.02, CellNetwork(
         uplink=Direction(1000, 20_000, 0.3), downlink=Direction(150, 15_000, 0.2), compute=WORK, harq_max=2,
-        core=1e-3)),
+        core=1e-3, edge=Edge(abort=True))),
     "request, staggered, FDD, few workers": (4, 0.02, CellNetwork(
         uplink=Direction(2000, 9000, 0.1), downlink=Direction(300, 6000, 0.1), compute=WORK, frame=Frame("B", 1e-3),
         access=Access(5e-3, 3e-3), stagger=True, harq_rtt=8e-3, edge=Edge(2, False, "latest", abort=True))),

@@ -307,6 +307,15 @@ def test_an_unlimited_edge_is_none() -> None:
     np.testing.assert_allclose(contended(wrapped, [0.1])[0].loop_times[0], plain, rtol=0, atol=1e-12)
 
 
+def test_an_unlimited_edge_gives_up_too() -> None:
+    network, deadlines = EdgeNetwork(PATH, Edge(abort=True)), [0.1, 0.2]
+    assert network.uses_deadline
+    found, (up, work, down) = contended(network, deadlines)
+    ended = up + work
+    expected = [np.where(ended <= deadline, ended + down, np.inf) for deadline in deadlines]
+    np.testing.assert_allclose(found.loop_times, expected, rtol=0, atol=1e-12)
+
+
 def test_topics_behind_an_edge_are_the_slow_ones() -> None:
     """BEST_EFFORT up, few workers, BEST_EFFORT down; a message that a newer one overtakes is lost."""
     network = with_edge(TOPICS, Edge(2, False, "latest"))
