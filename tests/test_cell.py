@@ -170,7 +170,7 @@ def test_is_the_slow_cell_for_any_settings(seed: int) -> None:
     np.testing.assert_allclose(found, slow_loops(network, one, tau, 0.08), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("tau", [0.02, 0.032])
+@pytest.mark.parametrize("tau", [0.02, pytest.param(0.032, marks=pytest.mark.slow)])
 def test_single_precision(tau: float) -> None:
     """Late in an overloaded run, and near full load with repetitions; robots that all send at the same instant."""
     network = replace(cell(24_000, 1200, edge=Edge(2, True, "latest")), uplink=Direction(3000, 20_000, 0.1))
@@ -230,7 +230,9 @@ def test_other_traffic(length: float, share: float) -> None:
     within(1 / runs, 1 - stays, 0.02)
 
 
-@pytest.mark.parametrize("other", [OtherTraffic(0.2), OtherTraffic(0.1, 0.8, 0.02, 0.25)])
+@pytest.mark.parametrize(
+    "other", [pytest.param(OtherTraffic(0.2), marks=pytest.mark.slow), OtherTraffic(0.1, 0.8, 0.02, 0.25)]
+)
 def test_utilisation_is_the_offered_load(other: OtherTraffic) -> None:
     """Others and all transmissions; next to nothing is left under way when a run ends. Above, the air is full."""
     frame, harq_max, bler = Frame(), 3, 0.2
