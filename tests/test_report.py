@@ -117,7 +117,7 @@ def test_replay_data_are_the_run_in_whole_numbers(content: StudyPage) -> None:
         step = round(raw["dt"] / each.tau)
         at = np.unique(np.append(np.arange(0, each.run.age.shape[0], step), each.run.age.shape[0]))
         np.testing.assert_allclose(x.T, each.run.pose[at, :, 0], atol=5.1e-4)
-    left, right, bottom, top = data["box"]
+    left, right, bottom, top = data["runs"][0]["box"]
     assert left < -2 and right > 2 and bottom < -1.5 and top > 1.5
     assert data["map"]["extent"] == pytest.approx([-3, 3, -2, 2])
 

@@ -31,21 +31,28 @@ class Replay:
     reliability: float
     tau: float  # s
     run: Run
+    group: str = ""  # what is shown together, in words; empty for the runs of one sweep
+
+    @property
+    def chosen_by(self) -> str:
+        """What a reader chooses it by."""
+        return self.group or self.sweep
 
 
 def replay_data(replays: Sequence[Replay], hall: HallMap | None = None) -> dict[str, Any]:
-    """What the script needs: the hall, and each run in mm, mrad and ms, as differences from frame to frame."""
-    robots, radius = replays[0].run.pose.shape[1], float(replays[0].run.robot_radius)
-    colours = OKABE_ITO if robots <= len(OKABE_ITO) else sequence(robots)
+    """What the script needs: the hall, and each run in mm, mrad and ms, as differences from frame to frame.
+
+    Runs of equally many robots share what is shown of the floor.
+    """
     frame = _FRAME
-    while sum(robots * (each.run.time[-1] / max(frame, each.tau) + 2) for each in replays) > _MOST_SAMPLES:
+    while sum(_robots(each) * (each.run.time[-1] / max(frame, each.tau) + 2) for each in replays) > _MOST_SAMPLES:
         frame *= 2
+    fleets = {count: [each for each in replays if _robots(each) == count] for count in map(_robots, replays)}
+    shown = {count: {"box": _box(some, hall), "colours": _colours(count)} for count, some in fleets.items()}
     data: dict[str, Any] = {
-        "radius": radius,
-        "colours": [_hex(colour) for colour in colours[:robots]],
-        "box": _box(replays, hall),
+        "radius": float(replays[0].run.robot_radius),
         "end": float(replays[0].run.time[-1]),
-        "runs": [_run_data(each, frame) for each in replays],
+        "runs": [_run_data(each, frame) | shown[_robots(each)] for each in replays],
     }
     if hall is not None:
         picture = base64.b64encode(hall.png).decode("ascii")
@@ -111,6 +118,15 @@ def _box(replays: Sequence[Replay], hall: HallMap | None) -> list[float]:
     low = np.maximum(paths.min(axis=0), low - room) - margin
     high = np.minimum(paths.max(axis=0), high + room) + margin
     return [float(low[0]), float(high[0]), float(low[1]), float(high[1])]
+
+
+def _robots(each: Replay) -> int:
+    return each.run.pose.shape[1]
+
+
+def _colours(robots: int) -> list[str]:
+    colours = OKABE_ITO if robots <= len(OKABE_ITO) else sequence(robots)
+    return [_hex(colour) for colour in colours[:robots]]
 
 
 def _hex(colour: Any) -> str:

@@ -27,27 +27,26 @@ _KEY = (
 )
 
 
-def replay_html(replays: Sequence[Replay], text: str) -> str:
+def replay_html(replays: Sequence[Replay], text: str, choice: str = "Sweep") -> str:
     """The frame that the script fills.
 
     Args:
         replays: As given to `replay_data`.
         text: Which run of each is shown; plain.
+        choice: What groups of runs are called; plain.
     """
-    sweeps = list(dict.fromkeys(each.sweep for each in replays))
-    choices = "".join(
-        f'<option value="{escape(sweep)}">{name_of(sweep)} {_flat(symbol(sweep))}</option>' for sweep in sweeps
-    )
+    groups = {each.chosen_by: each for each in replays}
+    choices = "".join(f'<option value="{escape(name)}">{_group(each)}</option>' for name, each in groups.items())
     speeds = "".join(
         f'<option value="{speed}"{" selected" if speed == 1 else ""}>{speed:g}×</option>' for speed in _SPEEDS
     )
-    stages = "".join(_stage(k, each, each.sweep == sweeps[0]) for k, each in enumerate(replays))
+    stages = "".join(_stage(k, each, each.chosen_by == replays[0].chosen_by) for k, each in enumerate(replays))
     return f"""<p>{escape(text)}</p>
 <div class="controls">
 <button type="button" id="play">▶ Play</button>
 <input type="range" id="time" min="0" max="1" step="0.05" value="0" aria-label="Time">
 <output id="clock" for="time">0.00 s</output>
-<label>Sweep <select id="replayed">{choices}</select></label>
+<label>{escape(choice)} <select id="replayed">{choices}</select></label>
 <label>Speed <select id="speed">{speeds}</select></label>
 </div>
 <div class="stages">{stages}</div>
@@ -60,7 +59,7 @@ def _stage(index: int, each: Replay, shown: bool) -> str:
     distance = f", nearest {number(near, '.3f')} m" if np.isfinite(near) else ""
     warn = ' <strong class="warn">(closer than two radii)</strong>' if bool(run.collided) else ""
     return (
-        f'<article class="stage" data-run="{index}" data-sweep="{escape(each.sweep)}"{"" if shown else " hidden"} '
+        f'<article class="stage" data-run="{index}" data-sweep="{escape(each.chosen_by)}"{"" if shown else " hidden"} '
         f'aria-label="{escape(each.policy)}"><h3>{mark(each.policy)} {escape(each.policy)}</h3>'
         f"<p>{symbol(each.sweep)} = {value_text(each.sweep, each.value, with_unit=True)}, Δ = "
         f"{number(1e3 * each.deadline)} ms, <i>F</i>(Δ) = {percent(each.reliability)}; AUC "
@@ -71,6 +70,10 @@ def _stage(index: int, each: Replay, shown: bool) -> str:
 
 def _meaning(drawing: str, text: str) -> str:
     return f'<span><svg viewBox="0 0 22 16" aria-hidden="true">{drawing}</svg>{text}</span>'
+
+
+def _group(each: Replay) -> str:
+    return escape(each.group) if each.group else f"{name_of(each.sweep)} {_flat(symbol(each.sweep))}"
 
 
 def _flat(text: str) -> str:

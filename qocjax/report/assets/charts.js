@@ -40,6 +40,10 @@ charts.readOut = (place, spec) => {
   const line = place.parentElement.querySelector(".readout");
   if (!line) return;
   const tell = (cell) => {
+    if (!spec.symbol) {
+      line.textContent = page.plain(cell[0]);
+      return;
+    }
     const [value, deadline, share, qoc, auc, distance, notes] = cell;
     line.textContent = page.plain(`${spec.symbol} = ${value}, Δ = ${deadline} ms, F(Δ) = ${share}: QoC ${qoc}, AUC ${auc} s, `
       + `smallest distance ${distance} m${notes}`);

@@ -40,7 +40,7 @@ replay.points = (xs, ys, from, to) => {
 };
 
 replay.hall = (place, data, run) => {
-  const [left, right, bottom, top] = data.box, s = replay.scale;
+  const [left, right, bottom, top] = run.box, s = replay.scale;
   const svg = replay.make(place, "svg", {
     viewBox: `${s * left} ${-s * top} ${s * (right - left)} ${s * (top - bottom)}`, role: "img",
     "aria-label": `Robots in the hall under ${run.policy}`,
@@ -61,12 +61,12 @@ replay.hall = (place, data, run) => {
     });
     replay.make(svg, "path", { class: "goal", d: `M${star.join("L")}Z` });
   });
-  const robots = run.x.map((xs, k) => ({ path: replay.make(svg, "path", { class: "path", stroke: data.colours[k], d: replay.points(xs, run.y[k], 0, last) }) }));
+  const robots = run.x.map((xs, k) => ({ path: replay.make(svg, "path", { class: "path", stroke: run.colours[k], d: replay.points(xs, run.y[k], 0, last) }) }));
   const now = run.rx.map(() => replay.make(svg, "path", { class: "now" }));
   for (const [name, kind] of [["disc", "circle"], ["trail", "path"], ["tether", "line"], ["ghost", "circle"], ["back", "circle"], ["body", "circle"], ["head", "line"]]) {
     robots.forEach((robot, k) => {
       const r = name === "disc" ? run.safe / 2 : name === "ghost" ? 0.55 * data.radius : data.radius;
-      const look = name === "back" ? {} : name === "disc" || name === "body" ? { fill: data.colours[k], stroke: data.colours[k] } : { stroke: data.colours[k] };
+      const look = name === "back" ? {} : name === "disc" || name === "body" ? { fill: run.colours[k], stroke: run.colours[k] } : { stroke: run.colours[k] };
       robot[name] = replay.make(svg, kind, { class: name, ...look, ...(kind === "circle" ? { r: s * r } : {}) });
     });
   }
@@ -78,7 +78,7 @@ replay.ages = (place, data, run, most) => {
   const y = (age) => 96 - 92 * Math.min(age / most, 1);
   run.age.forEach((ages, k) => {
     const line = Array.from(ages, (age, i) => `${(1000 * run.times[i] / data.end).toFixed(1)} ${y(age).toFixed(1)}`);
-    replay.make(svg, "path", { class: "age", stroke: data.colours[k], d: `M${line.join("L")}` });
+    replay.make(svg, "path", { class: "age", stroke: run.colours[k], d: `M${line.join("L")}` });
   });
   const mark = y(1000 * run.deadline);
   replay.make(svg, "line", { class: "deadline", x1: 0, x2: 1000, y1: mark, y2: mark });
@@ -95,7 +95,7 @@ replay.status = (place, data, run) => {
   const rows = few ? run.x.map((_, k) => {
     const name = cell(place), dot = cell(name);
     dot.className = "dot";
-    dot.style.background = data.colours[k];
+    dot.style.background = run.colours[k];
     name.append(`robot ${k + 1}`);
     return [cell(place), cell(place)];
   }) : [];
@@ -152,7 +152,7 @@ replay.show = (stage, data, time) => {
 };
 
 replay.tell = ({ run, status }, data, xs, ys, k) => {
-  const [left, right, bottom, top] = data.box, least = replay.nearest(xs, ys);
+  const [left, right, bottom, top] = run.box, least = replay.nearest(xs, ys);
   status.rows.forEach(([age, state], i) => {
     const outside = xs[i] < left || xs[i] > right || ys[i] < bottom || ys[i] > top;
     age.textContent = `age ${Math.round(run.age[i][k])} ms`;
