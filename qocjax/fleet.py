@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -42,7 +42,9 @@ from qocjax.study.sweep import Study, study_of
 
 __all__ = ["fleet_text", "main", "run"]
 
+T = TypeVar("T")
 Runs = Mapping[int, tuple[Study, Problem]]  # of each fleet
+_Fleet = tuple[Point, Study, Problem]
 
 PARTS = "parts"  # folder of the studies that a fleet study is made of
 
@@ -66,17 +68,32 @@ class _Runner:
     engine: Engine
     told: Callable[[str], object]
 
-    def studies(self, tasks: Sequence[_Task], scale: QocScale | None) -> list[tuple[Study, Problem]]:
-        """The studies of several fleets; on this machine two at a time, since much of each is compiling on one core."""
+    def points(self, tasks: Sequence[_Task], scale: QocScale) -> list[Point]:
+        """Several fleets, of which only the best deadline is asked."""
+        return self._beside(lambda task: self.fleet(task, scale)[0], tasks)
+
+    def fleets(self, tasks: Sequence[_Task], scale: QocScale) -> list[_Fleet]:
+        """Several fleets whole."""
+        return self._beside(lambda task: self.fleet(task, scale), tasks)
+
+    def fleet(self, task: _Task, scale: QocScale | None) -> _Fleet:
+        """A fleet; what was simulated of its network is used at once, while it is kept."""
+        study, problem = self._study(task, scale)
+        found = point_of(study, problem), study, problem
+        self.told(task.name)
+        return found
+
+    def _beside(self, find: Callable[[_Task], T], tasks: Sequence[_Task]) -> list[T]:
+        """On this machine two at a time, since much of each is compiling on one core."""
         with ThreadPoolExecutor(2 if isinstance(self.engine, LocalEngine) else 1) as threads:
-            pending = [threads.submit(self.study, task, scale) for task in tasks]
+            pending = [threads.submit(find, task) for task in tasks]
             try:
                 return [each.result() for each in pending]
             finally:
                 for each in pending:
                     each.cancel()
 
-    def study(self, task: _Task, scale: QocScale | None) -> tuple[Study, Problem]:
+    def _study(self, task: _Task, scale: QocScale | None) -> tuple[Study, Problem]:
         """The study of one fleet; what its folder holds is not computed again."""
         config = self.config.study(task.robots, scale, task.changes, task.grids)
         problem, grid = config.build_problem(), config.build_grid()
@@ -88,7 +105,6 @@ class _Runner:
                 problem, grid, *config.seeds(), min_reliability=least, scale=config.scale(), shelf=shelf,
                 engine=self.engine, chunk_steps=config.chunk_steps,
             )  # fmt: skip
-        self.told(task.name)
         return found, problem
 
 
@@ -128,12 +144,11 @@ def _studies(config: FleetConfig) -> int:
 def _simulate(config: FleetConfig, runner: _Runner) -> tuple[FleetStudy, Runs]:
     options = config.fleet
     tasks = [_Task(f"robots-{robots}", robots, grids=options.grids) for robots in options.robots]
-    found = [runner.study(tasks[0], config.scale())]
-    scale = config.scale() or found[0][0].scale
-    found += runner.studies(tasks[1:], scale)
-    runs = dict(zip(options.robots, found, strict=True))
+    found = [runner.fleet(tasks[0], config.scale())]
+    scale = config.scale() or found[0][1].scale
+    found += runner.fleets(tasks[1:], scale)
+    points, runs = [each[0] for each in found], {each[0].robots: each[1:] for each in found}
     _warn(runs, options.deadline_ms[-1] / 1e3)
-    points = [point_of(*each) for each in found]
     asked = Asked(options.target or options.target_share * float(points[0].scores.mean()), options.max_collision_share)
     largest, limit = find_limit(points, asked)
     cells = {given: _map(runner, scale, options.map.robots, given, *axis) for given, axis in config.axes().items()}
@@ -153,7 +168,7 @@ def _map(
     """Fleets by how much they are given of something."""
     cells = [(robots, amount) for robots in fleets for amount in amounts]
     tasks = [_Task(f"robots-{n}-{given}-{amount}", n, {option: amount}) for n, amount in cells]
-    return {cell: point_of(*each) for cell, each in zip(cells, runner.studies(tasks, scale), strict=True)}
+    return dict(zip(cells, runner.points(tasks, scale), strict=True))
 
 
 def _steps(config: FleetConfig, runner: _Runner, scale: QocScale, largest: int | None) -> pd.DataFrame:
@@ -161,7 +176,7 @@ def _steps(config: FleetConfig, runner: _Runner, scale: QocScale, largest: int |
     robots = config.fleet.robots
     here, steps = next((n for n in robots if n > (largest or 0)), robots[-1]), config.steps()
     tasks = [_Task(f"robots-{here}-step-{k}", here, changes) for k, changes in enumerate([{}, *steps.values()])]
-    base, *others = (point_of(*each) for each in runner.studies(tasks, scale))
+    base, *others = runner.points(tasks, scale)
     return steps_table(base, dict(zip(steps, others, strict=True)))
 
 

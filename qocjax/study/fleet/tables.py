@@ -105,9 +105,7 @@ def _largest(study: FleetStudy) -> str:
         return f"No fleet that was simulated keeps a {asked}."
     rows = study.points.set_index("robots")
     row = rows.loc[study.largest]
-    text = (
-        f"{study.largest} robots keep a {asked}: {row['qoc']:.4f} ± {row['qoc_se']:.4f}, {row['collision_share']:.0%}"
-    )
+    text = f"{_robots(study.largest)} a {asked}: {row['qoc']:.4f} ± {row['qoc_se']:.4f}, {row['collision_share']:.0%}"
     text += f" [{row['collision_low']:.0%}, {row['collision_high']:.0%}]."
     more = [n for n in rows.index if n > study.largest]
     if not more:
@@ -117,7 +115,10 @@ def _largest(study: FleetStudy) -> str:
     text += f" {more[0]} do not ({why}: {following['qoc']:.4f}, {following['collision_share']:.0%})."
     if study.limit.value is not None and study.limit.value >= study.largest:
         ends = f"[{_end(study.limit.low)}, {_end(study.limit.high)}]"
-        text += f" QoC passes the target at {study.limit.value:.3g} {ends} robots, between those simulated."
+        text += (
+            f" On straight lines between fleets, QoC passes the target at {study.limit.value:.3g} {ends} robots "
+            "(interval over seeds; where it truly falls, only fleets between those simulated would show)."
+        )
     return text
 
 
@@ -128,7 +129,7 @@ def _admission(study: FleetStudy) -> list[str]:
     names = {"uplink_usage": "the uplink", "edge_usage": "the edge", "downlink_usage": "the downlink"}
     used = [f"{names[use]} is {row[use]:.0%} in use" for use in USES if use in row and np.isfinite(row[use])]
     state = ", ".join([*used, f"F({1e3 * row['deadline']:g} ms) = {row['reliability']:.3f}"])
-    return [f"Admit a robot while there are fewer than {study.largest}; with {study.largest} {state}: "
+    return [f"Admit a robot while there are fewer than {study.largest}; at {study.largest} {state}: "
             "a cell or an edge that is busier than that is full, whoever fills it."]  # fmt: skip
 
 
@@ -137,13 +138,17 @@ def _needs(study: FleetStudy) -> list[str]:
     lines = []
     for given, table in study.needs.items():
         parts = [
-            f"{row.robots} need {'more than were tried' if np.isnan(row.need) else format(int(row.need), 'd')}"
-            + ("" if np.isnan(row.crossing) else f" (QoC alone: {row.crossing:.3g} "
+            f"{row.robots} need{'s' * (row.robots == 1)} {'more than were tried' if np.isnan(row.need) else format(int(row.need), 'd')}"
+            + ("" if np.isnan(row.crossing) else f" (QoC alone, interpolated: {row.crossing:.3g} "
                f"[{_end(row.crossing_low)}, {_end(row.crossing_high)}])")
             for row in table.itertuples()
         ]  # fmt: skip
         lines.append(f"{words[given].capitalize()}: " + "; ".join(parts) + ".")
     return lines
+
+
+def _robots(count: int) -> str:
+    return "1 robot keeps" if count == 1 else f"{count} robots keep"
 
 
 def _end(value: float | None) -> str:
@@ -157,6 +162,6 @@ def _first(study: FleetStudy) -> list[str]:
     gain = f"{best['gain']:+.4f} [{best['gain_low']:+.4f}, {best['gain_high']:+.4f}]"
     if best["gain_low"] <= 0:
         return [
-            f"With {best['robots']} robots no single step is shown to help; the largest gain is {best['step']}, {gain}."
+            f"With N = {best['robots']} no single step is shown to help; the largest gain is {best['step']}, {gain}."
         ]
-    return [f"With {best['robots']} robots change first: {best['step']}, {gain} QoC."]
+    return [f"With N = {best['robots']} change first: {best['step']}, {gain} QoC."]
