@@ -38,9 +38,10 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
         ValueError: A value of the configuration is out of range, or nothing can be advised.
     """
     config.surrogate_only()
-    options = config.advise
+    options, network = config.advise, config.build_network()
+    config.check_rate(network, config.loop.tau)
     advice = advise(
-        config.build_scenario(), config.build_network(), config.current(), config.bounds(),
+        config.build_scenario(), network, config.current(), config.bounds(),
         rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
         max_collision_share=options.max_collision_share, effort=config.effort(), asked=config.asked(),
     )  # fmt: skip

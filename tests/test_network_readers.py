@@ -12,6 +12,8 @@ import pytest
 
 from qocjax.network import read_histogram, read_samples, read_trace
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*nothing tells how often loops were measured")
+
 
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[..., Path]:
@@ -77,6 +79,45 @@ def test_of_duplicates_the_smallest_delay_counts(write: Callable[..., Path]) -> 
     path = write("seq,rtt\n1,0.1\n2,inf\n2,0.3\n2,0.2\n1,0.4\n")
     with pytest.warns(UserWarning, match=r"3 rows repeat a number of 'seq'"):
         np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="seq").delays, [0.1, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "period", "origin"),
+    [
+        ("pub_time(ms) delay\n1722419558737 1\n1722419558793 1\n1722419558848 1\n", {}, 0.0555,
+         "column 'pub_time(ms)'"),
+        ("send_timestamp,delay\n1639276166.66,1\n1639276166.71,1\n1639276166.76,\n", {}, 0.05,
+         "column 'send_timestamp'"),
+        ("client_send,delay\n1526410284213.0,1\n1526410284280.0,1\n", {}, 0.067, "column 'client_send'"),
+        ("source_stamp,delay\n0.0,1\n0.02,1\n0.04,1\n9.04,1\n9.06,1\n", {}, 0.02, "column 'source_stamp'"),
+        ("timestamp,delay\n1700000000000000001,1\n1700000000020000001,1\n", {}, 0.02, "column 'timestamp'"),
+        ("when,delay\n5,1\n25,1\n,1\n45,1\n", {"stamp": "when", "stamp_unit": "ms"}, 0.02, "column 'when'"),
+        ("sent_ms,delay\n5,1\n25,1\n45,1\n5,1\n25,1\n", {}, 0.02, "column 'sent_ms'"),  # begins anew
+        ("sent(s),delay\n" + "".join(f"{k},1\n" for k in range(9) for _ in range(20)), {}, 0.0447,
+         "column 'sent(s)'"),
+        ("sent(ms),seq,delay\n0,0,1\n40,2,1\n60,3,1\n100,5,1\n120,6,1\n140,7,1\n160,8,1\n", {"sequence": "seq"}, 0.02,
+         "column 'sent(ms)'"),
+        ("sent_ms,delay\n5,1\n25,1\n", {"period": 0.03}, 0.03, "given"),
+    ],
+    ids=["CICV5G", "CLEAVE", "EdgeDroid", "own trace", "ns", "named", "anew", "coarse", "lost rows absent", "given"],
+)  # fmt: skip
+def test_period_is_that_of_the_send_times(
+    write: Callable[..., Path], text: str, options: dict, period: float, origin: str
+) -> None:
+    trace = read_trace(write(text), "delay", "ms", **options)
+    assert trace.period == pytest.approx(period, rel=1e-9) and trace.period_from == origin
+
+
+def test_a_burst_counts_by_its_mean(write: Callable[..., Path]) -> None:
+    rows = "".join(f"{100 * k + j},1\n" for k in range(50) for j in range(5))
+    assert read_trace(write("sent(ms),rtt\n" + rows), "rtt", "ms").period == pytest.approx(0.02, rel=0.02)
+
+
+def test_what_has_no_period_says_so(write: Callable[..., Path]) -> None:
+    with pytest.warns(UserWarning, match=r"loops.csv: nothing tells how often loops were measured"):
+        assert read_trace(write("time,rtt\n1,1\n2,1\n"), "rtt", "ms").period is None
+    with pytest.raises(ValueError, match=r"stamp_unit: got None for column 'when' of .*, expected s, ms, us or ns"):
+        read_trace(write("when,rtt\n1,1\n2,1\n"), "rtt", "ms", stamp="when")
 
 
 def test_fields_beyond_the_names_are_left_out_aloud(write: Callable[..., Path]) -> None:

@@ -188,6 +188,9 @@ class TraceConfig(Part):
     gaps_are_lost: bool = False
     separator: str | None = None
     period: float | None = None
+    stamp: str | None = None
+    stamp_unit: str | None = None
+    faster_than_measured: bool = False  # whether `SimulationConfig.check_rate` lets it pass
 
     def build(self) -> Trace:
         """The network."""
@@ -199,6 +202,8 @@ class TraceConfig(Part):
             gaps_are_lost=self.gaps_are_lost,
             separator=self.separator,
             period=self.period,
+            stamp=self.stamp,
+            stamp_unit=self.stamp_unit,
         )
 
 

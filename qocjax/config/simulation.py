@@ -13,7 +13,7 @@ from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
 from qocjax.controllers import Controller
 from qocjax.navigation import StaticMap
-from qocjax.network import Network
+from qocjax.network import Network, faster_than_measured
 from qocjax.network.dds import DdsNetwork
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
@@ -101,6 +101,20 @@ class SimulationConfig(Part):
         """Where loop times come from; reads files where it names any."""
         network = self.network.build()
         return replace(network, period=self.loop.tau) if isinstance(network, DdsNetwork) else network
+
+    def rate_remark(self, network: Network, tau: float) -> str | None:
+        """What is wrong with replaying a measured trace every `tau` s; None where nothing is, or it is allowed."""
+        allowed = getattr(self.network, "faster_than_measured", False)
+        return None if allowed else faster_than_measured(network, tau)
+
+    def check_rate(self, network: Network, tau: float) -> None:
+        """Refuses to replay a measured trace faster than it was measured, unless that is allowed.
+
+        Raises:
+            ValueError: `tau` (s) is shorter than the trace's period.
+        """
+        if (remark := self.rate_remark(network, tau)) is not None:
+            raise ValueError(remark)
 
     def build_controller(self) -> Controller:
         """What computes the commands; reads the scenario's map where it has one and the controller asks for it."""

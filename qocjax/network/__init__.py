@@ -25,7 +25,7 @@ from qocjax.network.loss import GilbertElliott, IndependentLoss
 from qocjax.network.parametric import Constant, ShiftedGamma, ShiftedLogNormal, TruncatedNormal
 from qocjax.network.presets import kth_5g_network, paper_network
 from qocjax.network.readers import read_histogram, read_samples, read_trace
-from qocjax.network.trace import Trace
+from qocjax.network.trace import Trace, faster_than_measured
 
 __all__ = [
     "Constant",
@@ -43,6 +43,7 @@ __all__ = [
     "Trace",
     "TruncatedNormal",
     "completes",
+    "faster_than_measured",
     "kth_5g_network",
     "latest",
     "loop_times",

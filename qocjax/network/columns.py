@@ -6,7 +6,7 @@ import csv
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,7 @@ class Columns:
     path: Path
     lines: list[int]  # of each row in the file, counted from 1
     texts: dict[str, list[str]]  # by column
+    names: tuple[str, ...] = ()  # of all columns
 
     def where(self, row: int, column: str) -> str:
         """Names the place of an entry, for an error."""
@@ -87,7 +88,12 @@ class Columns:
         raise ValueError(f"{self.where(row, column)}: got {text!r}, expected a number")
 
 
-def read_columns(path: str | Path, columns: Sequence[str], separator: str | None = None) -> Columns:
+def read_columns(
+    path: str | Path,
+    columns: Sequence[str],
+    separator: str | None = None,
+    also: Callable[[str], bool] | None = None,
+) -> Columns:
     """Reads columns by name from a text table: one line of names, then one row a line.
 
     Blank lines and lines that begin with `#` are skipped. In a table separated by blanks, fields beyond the names are
@@ -98,6 +104,7 @@ def read_columns(path: str | Path, columns: Sequence[str], separator: str | None
         columns: Names of the columns wanted.
         separator: One character; a blank stands for any run of blanks and tabs. None takes the first of comma,
             semicolon and tab that the line of names has, else blanks.
+        also: Tells by its name whether another column is read as well.
 
     Raises:
         ValueError: The file cannot be read, a column is missing or named twice, a row has too few or too many fields,
@@ -110,8 +117,9 @@ def read_columns(path: str | Path, columns: Sequence[str], separator: str | None
         if names.count(column) != 1:
             state = "more than one" if column in names else "no"
             raise ValueError(f"{path}: has {state} column {column!r}; its columns are {_listed(names)}")
-    index = {column: names.index(column) for column in columns}
-    found = Columns(path, [], {column: [] for column in columns})
+    more = [name for name in names if also is not None and also(name) and names.count(name) == 1]
+    index = {column: names.index(column) for column in (*columns, *more)}
+    found = Columns(path, [], {column: [] for column in index}, tuple(names))
     longest = len(names)
     for line, fields in rows:
         longest = max(longest, len(fields))

@@ -11,6 +11,7 @@ import numpy as np
 
 from qocjax.network.columns import UNITS, Columns, read_columns, read_text
 from qocjax.network.empirical import Empirical, QuantileTable
+from qocjax.network.period import SEND_TIMES, epoch_unit, header_unit, is_send_time, period_of
 from qocjax.network.trace import Trace
 
 __all__ = ["read_histogram", "read_samples", "read_trace"]
@@ -43,11 +44,14 @@ def read_trace(
     gaps_are_lost: bool = False,
     separator: str | None = None,
     period: float | None = None,
+    stamp: str | None = None,
+    stamp_unit: str | None = None,
     name: str | None = None,
 ) -> Trace:
     """Reads a measured trace, one row per loop.
 
     Of rows with the same sequence number the smallest delay counts, with a warning: the first answer is the loop's.
+    Warns where nothing tells how often loops were measured.
 
     Args:
         path: CSV or text table with a line of names (see `read_columns`).
@@ -56,7 +60,10 @@ def read_trace(
         sequence: Name of the column to sort by; None if the rows are in order.
         gaps_are_lost: Whether numbers missing from `sequence`, between the first and the last, are lost loops.
         separator: One character, a blank for any run of blanks; None to see from the line of names.
-        period: Time between two loops of the measurement (s), for `Trace`; None for one row per tick.
+        period: Time between two loops of the measurement (s), for `Trace`; None for that of the send times, or one row
+            per tick where there are none.
+        stamp: Name of the column of send times; None for one with a usual name (`SEND_TIMES`).
+        stamp_unit: Unit of that column; None for that in its name, such as `pub_time(ms)`, or of times since 1970.
         name: Name of the network; the file's, without its ending, by default.
 
     Raises:
@@ -65,11 +72,50 @@ def read_trace(
     """
     if gaps_are_lost and sequence is None:
         raise ValueError("gaps_are_lost: got True without a sequence column, expected its name in `sequence`")
-    table = read_columns(path, [column] if sequence is None else [column, sequence], separator)
+    wanted = dict.fromkeys(each for each in (column, sequence, stamp) if each is not None)
+    look = is_send_time if period is None and stamp is None else None
+    table = read_columns(path, list(wanted), separator, look)
     delays = table.delays(column, unit)
+    origin = "given"
+    if period is None:
+        period, origin = _measured_period(table, column, sequence, stamp, stamp_unit)
     if sequence is not None:
         delays = _in_order(table, sequence, delays, gaps_are_lost)
-    return Trace(delays, name=name or Path(path).stem, period=period, source=str(path))
+    return Trace(delays, name or Path(path).stem, period, str(path), origin)
+
+
+def _measured_period(
+    table: Columns, column: str, sequence: str | None, stamp: str | None, unit: str | None
+) -> tuple[float | None, str]:
+    """The period that a column of send times tells, and which that is; warns where there is none."""
+    named = [stamp] if stamp is not None else sorted(filter(is_send_time, set(table.texts) - {column}), key=_preference)
+    for name in named:
+        values = table.optional_numbers(name)
+        values = sorted(values) if name == sequence else values  # type: ignore[type-var]
+        own = unit or header_unit(name)[1] or epoch_unit([np.nan if v is None else v for v in values])
+        own = own or ("s" if name == "source_stamp" else None)
+        if stamp is not None and own not in UNITS:
+            raise ValueError(f"stamp_unit: got {own!r} for column {name!r} of {table.path}, expected s, ms, us or ns")
+        numbers = None if sequence in (None, name) else table.numbers(sequence)
+        found = period_of(values, numbers if numbers is None or _counts(numbers) else None)
+        if found is not None and own is not None:
+            return found / UNITS[own], f"column {name!r}"
+    warnings.warn(
+        f"{table.path}: nothing tells how often loops were measured, a row is taken for each sampling period; expected "
+        "period (s), or the name of a column of send times as stamp",
+        stacklevel=3,
+    )
+    return None, ""
+
+
+def _preference(name: str) -> int:
+    plain = header_unit(name)[0].lower()
+    return SEND_TIMES.index(plain) if plain in SEND_TIMES else len(SEND_TIMES)
+
+
+def _counts(numbers: list[float]) -> bool:
+    """Whether numbers count loops: they rise by one at most places."""
+    return float(np.mean(np.diff(np.array([float(each - numbers[0]) for each in numbers])) == 1.0)) > 0.5
 
 
 def read_histogram(path: str | Path) -> QuantileTable:

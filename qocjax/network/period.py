@@ -1,0 +1,83 @@
+"""How often a measured trace was measured: from a column of send times, or the stamps of a log (model, section 4)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["SEND_TIMES", "epoch_unit", "header_unit", "is_send_time", "period_of"]
+
+SEND_TIMES = (
+    "source_stamp", "uplink_send", "send_timestamp", "send_stamp", "send_time", "sent_time", "sent", "send", "t_send",
+    "tx_time", "tx_timestamp", "pub_time", "client_send", "timestamp", "stamp", "__time",
+)  # fmt: skip
+"""Names of columns of send times, without their units, in the order in which they are preferred."""
+
+_EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}  # 2001; a time since 1970 lies within six times that
+_LONG = 10.0  # times the interval that nine of ten keep within; a longer one is a gap
+_BURSTY = 1.5  # mean over median of the intervals, or its inverse; beyond, messages go out in bursts
+
+
+def header_unit(name: str) -> tuple[str, str | None]:
+    """Splits `pub_time(ms)`, `delay [us]` or `rtt_ms` into the name and its unit, None where it has none."""
+    found = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*(s|sec|ms|msec|us|usec|µs|ns|nsec)\s*[)\]]|[_.](ms|us|ns))", name.strip())
+    if found is None or not found[1]:
+        return name.strip(), None
+    unit = (found[2] or found[3]).replace("µ", "u")
+    return found[1], unit.removesuffix("ec") if unit != "sec" else "s"
+
+
+def is_send_time(name: str) -> bool:
+    """Whether a column is called as columns of send times are."""
+    return header_unit(name)[0].lower() in SEND_TIMES
+
+
+def epoch_unit(stamps: ArrayLike) -> str | None:
+    """The unit in which numbers are times since 1970: s, ms, us or ns by their size; None where they are none."""
+    values = np.asarray(stamps, np.float64)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return None
+    usual = float(np.median(values))
+    return next((unit for unit, least in _EPOCH.items() if least <= usual < 6.0 * least), None)
+
+
+def period_of(stamps: Sequence[float | None], numbers: Sequence[float] | None = None) -> float | None:
+    """The usual time between two loops, in the unit of the stamps, rounded.
+
+    It is the median of the intervals in the order of the rows, each divided by the numbers that it spans where there
+    are numbers. Where messages go out in bursts, or stamps are coarser than intervals, it is their mean without gaps.
+
+    Args:
+        stamps: [n] send times; None or NaN where one is missing.
+        numbers: [n] counts of loops; None where rows have none.
+
+    Returns:
+        None where fewer than two stamps increase.
+    """
+    if not stamps:
+        return None
+    origin = next((each for each in stamps if each is not None and np.isfinite(each)), 0)
+    times = np.array([np.nan if each is None or each != each else float(each - origin) for each in stamps])
+    known = np.flatnonzero(np.isfinite(times))
+    interval = np.diff(times[known])
+    if numbers is not None:
+        first = numbers[0]
+        passed = np.diff(np.array([float(each - first) for each in numbers])[known])
+        interval = interval[passed > 0.0] / passed[passed > 0.0]
+    interval = interval[interval >= 0.0]
+    if not interval.size or not interval.max() > 0.0:
+        return None
+    median = float(np.median(interval))
+    mean = float(interval[interval <= _LONG * max(np.quantile(interval, 0.9, method="lower"), median)].mean())
+    usual = median if mean < _BURSTY * median and median < _BURSTY * mean else mean
+    return _rounded(usual if usual > 0.0 else float(interval.mean()))
+
+
+def _rounded(value: float) -> float:
+    """To two digits where that is within half a percent (a nominal 50 ms is met with some jitter), else to three."""
+    short = float(f"{value:.2g}")
+    return short if abs(short - value) <= 0.005 * value else float(f"{value:.3g}")
