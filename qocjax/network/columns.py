@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["UNITS", "Columns", "read_columns", "read_text"]
+from qocjax._reading import read_text
+
+__all__ = ["UNITS", "Columns", "read_columns"]
 
 UNITS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 """Units of time, as how many of them make a second."""
@@ -132,22 +134,6 @@ def read_columns(
         text = f"{path}: has rows of {longest} fields for {len(names)} names; the last are left out"
         warnings.warn(text, stacklevel=2)
     return found
-
-
-def read_text(path: Path) -> str:
-    """Reads a text file.
-
-    Raises:
-        ValueError: It is not there, cannot be read, or is no text.
-    """
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ValueError(f"{path}: is no text in UTF-8") from None
 
 
 def _rows(path: Path, separator: str | None) -> Iterator[tuple[int, list[str]]]:

@@ -9,7 +9,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from qocjax.network.columns import UNITS, Columns, read_columns, read_text
+from qocjax._reading import read_text
+from qocjax.network.columns import UNITS, Columns, read_columns
 from qocjax.network.empirical import Empirical, QuantileTable
 from qocjax.network.period import SEND_TIMES, epoch_unit, header_unit, is_send_time, period_of
 from qocjax.network.trace import Trace

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qocjax.network.columns import UNITS, read_columns, read_text
+from qocjax._reading import read_text
+from qocjax.network.columns import UNITS, read_columns
 from qocjax.recorded.findings import Findings
 
 __all__ = ["TABLES", "Stamps", "StampsFormat", "columns_of", "read_stamps"]
