@@ -119,7 +119,7 @@ def report(result: Ingested) -> str:
     if result.scale is not None:
         median, largest = result.scale.median, result.scale.largest
         lines += ["", f"QoC is relative to J_med = {median:.4g} s and J_max = {largest:.4g} s."]
-    elif any(each.quality is not None for each in result.runs):
+    elif result.summary.get("auc", pd.Series(dtype=float)).notna().any():
         lines += ["", "No QoC: one AUC has nothing to be compared with; quality.j_med and quality.j_max give a scale."]
     return "\n".join(lines)
 

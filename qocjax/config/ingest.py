@@ -29,23 +29,25 @@ class TopicsConfig(Part):
 
     poses: list[str]
     commands: list[str]
+    goals: list[str]
     robots: list[str] | None
     same_clock: bool
 
     def build(self) -> TopicPatterns:
         """The patterns."""
-        for pattern in (*self.poses, *self.commands):
+        for pattern in (*self.poses, *self.commands, *self.goals):
             if set(words(pattern)) - {"robot"}:
                 raise ValueError(f"topics: got {pattern!r}, expected no other word in braces than {{robot}}")
         return TopicPatterns(
-            tuple(self.poses), tuple(self.commands), None if self.robots is None else tuple(self.robots)
+            tuple(self.poses), tuple(self.commands), tuple(self.goals),
+            None if self.robots is None else tuple(self.robots),
         )
 
 
 class QualityConfig(Part):
     """What recorded runs are judged by."""
 
-    goal: list[float] | None
+    goal: list[float] | str | None
     goal_average: float
     starts: dict[str, list[float]] | None
     begin: str | float
@@ -83,11 +85,16 @@ class QualityConfig(Part):
         weights = _numbers("quality.weights", self.weights, 2)
         _checks.bounded("quality.weights", self.weights, above=0)
         return Yardstick(
-            goal=None if self.goal is None else _numbers("quality.goal", self.goal, 2), starts=starts or None,
+            goal=self._goal(), starts=starts or None,
             begin=self.begin, horizon=self.horizon, end=self.goal_average, reference=self.reference, kappa=self.kappa,
             v_max=self.v_max, per_robot=self.per_robot, normaliser=self.normaliser, weights=(weights[0], weights[1]),
             d_safe=self.d_safe, robot_radius=radius, path_resolution=self.path_resolution,
         )  # fmt: skip
+
+    def _goal(self) -> tuple[float, ...] | str | None:
+        if isinstance(self.goal, str):
+            return _checks.choice("quality.goal", self.goal, ("end",))
+        return None if self.goal is None else _numbers("quality.goal", self.goal, 2)
 
     def scale(self) -> QocScale | None:
         """J_med and J_max where both are given.

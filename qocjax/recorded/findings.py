@@ -9,6 +9,8 @@ __all__ = ["CAUSES", "Finding", "Findings"]
 
 CAUSES = {
     "truncated": "files that end early; what could be read of them counts",
+    "damaged": "pieces of files (chunks, pages, records) that are not as they were written; what comes before and after counts",
+    "missing_files": "files that the metadata names and that are not there",
     "missing_messages": "messages that the metadata promises and the bag does not hold",
     "unreadable": "messages that cannot be decoded; left out",
     "not_finite": "poses or commands with a NaN or an infinity; left out",
@@ -26,6 +28,8 @@ CAUSES = {
     "negative_compute": "loops that the edge answers before it receives them; without their parts",
     "negative_network": "loops shorter than their compute time; without their parts",
     "negative_leg": "loops with a direction below 0 s after correction of the clock; without their parts",
+    "clock_set": "places where the recorder's clock was set or stood still; mended where stamps, order or poses tell",
+    "several_publishers": "further publishers of a topic; their messages are taken together",
     "clock_steps": "steps of one clock against the other; the offset is taken up anew there",
     "clock_unknown": "stretches whose clock offset cannot be known; without uplink and downlink",
     "stamps_back": "source stamps that go back while the sequence goes on; kept in the order of the sequence",

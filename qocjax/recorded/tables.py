@@ -35,7 +35,7 @@ def run_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: QocSc
     for run, label in zip(runs, labels, strict=True):
         rows.append({
             "run": run.name, **label, "begins": _iso(run.begins), "recorded": run.duration, **_quality(run, scale),
-            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_late(run), "offered_qos": _qos(run),
+            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_latency(run), **_late(run), "offered_qos": _qos(run),
             **{f"found_{cause}": run.findings.total(cause) for cause in CAUSES},
             "notes": "; ".join(run.findings.notes),
         })  # fmt: skip
@@ -123,7 +123,7 @@ def _quality(run: RecordedRun, scale: QocScale | None) -> dict:
         "qoc": _mean(np.asarray(qoc(judged.auc, scale))) if scale else np.nan, "min_distance": judged.min_distance,
         "collided": judged.collided, "path_length": judged.path_length.mean(),
         "arrival_time": judged.arrival_time.max(),
-        "goal": " | ".join(f"{x:.4g} {y:.4g}" for x, y in np.reshape(judged.goal, (-1, 2))),
+        "goal": " | ".join(f"{x:.4g} {y:.4g}" for x, y in np.reshape(judged.goal, (-1, 2)) if np.isfinite(x + y)),
     }  # fmt: skip
 
 
@@ -170,6 +170,17 @@ def _commands(run: RecordedRun) -> dict:
         "longest_command_gap": max(each.longest_gap for each in reports),
         "hold_share": float(np.mean([each.hold_share for each in reports])),
         "driving_hold_time": sum(each.driving_hold_time for each in reports),
+    }
+
+
+def _latency(run: RecordedRun) -> dict:
+    """Mean over the robots, with the widest interval's half."""
+    if not run.latency:
+        return {}
+    every = list(run.latency.values())
+    return {
+        "command_to_motion": float(np.mean([each.delay for each in every])),
+        "command_to_motion_half": max(each.high - each.delay for each in every),
     }
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from qocjax.recorded.commands import CommandReport
 from qocjax.recorded.judge import Quality
+from qocjax.recorded.latency import Latency
 from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
 from qocjax.recorded.tables import PERCENTILES
@@ -31,6 +32,7 @@ def run_lines(run: RecordedRun, qoc: float | None) -> list[str]:
         median, most = 1e3 * np.percentile(late, (50, 99))
         lines.append(f"  {topic}: {median:.3g} ms (99 %: {most:.3g} ms) later than its quickest")
     lines += [_command_line(robot, report) for robot, report in run.commands.items()]
+    lines += [_latency_line(robot, each) for robot, each in run.latency.items()]
     lines += [f"  offered QoS of {topic}: {words or 'not recorded'}" for topic, words in run.qos.items()]
     lines += [f"  found {found.count} {found.cause} in {found.where}" for found in run.findings]
     return lines + [f"  note: {text}" for text in run.findings.notes]
@@ -38,13 +40,14 @@ def run_lines(run: RecordedRun, qoc: float | None) -> list[str]:
 
 def _quality_line(judged: Quality, qoc: float | None) -> str:
     goals = " | ".join(f"{x:.3f} {y:.3f}" for x, y in np.reshape(judged.goal, (-1, 2)))
+    goals = f"goal ({goals})" if np.isfinite(judged.goal).all() else "no goal"
     robots = ", ".join(
-        f"{name}: AUC {'not defined' if np.isnan(auc) else f'{auc:.4g} s'}, path {length:.2f} m"
+        f"{name}: {'no AUC' if np.isnan(auc) else f'AUC {auc:.4g} s'}, path {length:.2f} m"
         for name, auc, length in zip(judged.robots, judged.auc, judged.path_length, strict=True)
     )
     apart = f"; smallest distance {judged.min_distance:.3g} m" if np.isfinite(judged.min_distance) else ""
     score = "" if qoc is None or np.isnan(qoc) else f"; QoC {qoc:.4f}"
-    return f"  {judged.duration:.4g} s judged, goal ({goals}): {robots}{apart}{score}"
+    return f"  {judged.duration:.4g} s judged, {goals}: {robots}{apart}{score}"
 
 
 def _loop_lines(robot: str, trace: LoopTrace) -> list[str]:
@@ -68,4 +71,12 @@ def _command_line(robot: str, report: CommandReport) -> str:
     return (
         f"  commands of {robot}: {report.count}, one in {1e3 * report.period:.4g} ms, {report.gaps} gaps (longest "
         f"{report.longest_gap:.3g} s), on hold {report.hold_share:.1%}"
+    )
+
+
+def _latency_line(robot: str, latency: Latency) -> str:
+    low, high = 1e3 * latency.low, 1e3 * latency.high
+    return (
+        f"  {robot}: moves {1e3 * latency.delay:.0f} ms [{low:.0f}, {high:.0f}] after its commands are recorded (estimated "
+        f"from their correlation, {latency.correlation:.2f}; the robot's own response is part of it)"
     )
