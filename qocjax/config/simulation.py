@@ -63,6 +63,7 @@ class ScenarioConfig(Part):
     weights: list[float]
     start_jitter: list[float]
     map: str | None
+    map_release: str
 
     def build(self, robot: RobotConfig) -> Scenario:
         """The scenario of these robots."""
@@ -118,7 +119,9 @@ class SimulationConfig(Part):
 
     def build_controller(self) -> Controller:
         """What computes the commands; reads the scenario's map where it has one and the controller asks for it."""
-        return self.controller.build(self.build_scenario(), self.scenario.map, self.robot.omega_max)
+        return self.controller.build(
+            self.build_scenario(), self.scenario.map, self.robot.omega_max, self.scenario.map_release
+        )
 
     def build_map(self) -> StaticMap | None:
         """The map that the scenario names; None on open floor.
@@ -126,7 +129,9 @@ class SimulationConfig(Part):
         Raises:
             ValueError: There is no such file, or it is no map.
         """
-        return None if self.scenario.map is None else map_of(self.build_scenario(), self.scenario.map)
+        if self.scenario.map is None:
+            return None
+        return map_of(self.build_scenario(), self.scenario.map, release=self.scenario.map_release)
 
     def surrogate_only(self) -> None:
         """For commands that need the surrogate law.

@@ -13,7 +13,7 @@ from qocjax.recorded.series import Series
 __all__ = ["command_loops"]
 
 _PROOF = 0.5  # share of the commands' stamps that must be those of a pose
-_CHANCE = 0.5  # share that would be by chance, from where on it proves nothing
+_CHANCE = 0.2  # share that would be by chance, from where on it proves nothing
 
 Array = NDArray[np.float64]
 
@@ -44,12 +44,13 @@ def command_loops(
     delay, stamp = (commands.record - commands.stamp)[has], np.round(commands.stamp[has], 7)
     if not has.any():
         return None
-    if not on_robot_clock or np.median(delay) < 0.0:
+    if not on_robot_clock or not 0.0 <= np.median(delay) <= max(np.ptp(commands.record), 1.0):
         findings.count(where, "clock_unknown")
         findings.note(f"{where}: stamps are of another clock than the record times; no loop times")
         return None
     known = np.unique(np.round(np.concatenate([s.stamp[np.isfinite(s.stamp)] for s in states] or [np.empty(0)]), 7))
-    if not _proven(np.unique(stamp), known, float(np.median(delay)), where, findings):
+    tick = _tick(np.concatenate([stamp, known, commands.record]))
+    if not _proven(np.unique(stamp), known, float(np.median(delay)), tick, where, findings):
         return None
     findings.count(where, "negative_loop_time", int((delay < 0.0).sum()))
     best = pd.Series(delay[delay >= 0.0]).groupby(stamp[delay >= 0.0]).min()
@@ -65,10 +66,9 @@ def command_loops(
     return LoopTrace(robot, table[COLUMNS], 1e-9 * begin + source[0], None, (), empty)
 
 
-def _proven(stamp: Array, known: Array, delay: float, where: str, findings: Findings) -> bool:
-    """Whether the commands' stamps are those of poses, and not by chance."""
+def _proven(stamp: Array, known: Array, delay: float, tick: float, where: str, findings: Findings) -> bool:
+    """Whether the commands' stamps are those of poses, and not because a simulated clock has few of them."""
     share = float(np.isin(stamp, known).mean())
-    tick = _tick(np.union1d(stamp, known))
     span = float(np.ptp(known)) if known.size else 0.0
     chance = (known.size - 1) * tick / span if span > 0.0 else 0.0
     advice = (
@@ -80,8 +80,8 @@ def _proven(stamp: Array, known: Array, delay: float, where: str, findings: Find
         return False
     if chance > _CHANCE and delay <= tick:
         findings.note(
-            f"{where}: stamps go in steps of {1e3 * tick:.4g} ms, as of a simulated clock, and commands are recorded within "
-            f"one, so it cannot be known whether they are those of poses; no loop times, {advice}"
+            f"{where}: times go in steps of {1e3 * tick:.4g} ms, as of a simulated clock, and commands are recorded within "
+            f"one, so it cannot be known whether their stamps are those of poses; no loop times, {advice}"
         )
         return False
     if share < 1.0:
@@ -90,6 +90,6 @@ def _proven(stamp: Array, known: Array, delay: float, where: str, findings: Find
 
 
 def _tick(stamp: Array) -> float:
-    """The step that all stamps are multiples of (s)."""
-    every = np.diff(np.round(1e7 * stamp).astype(np.int64))
+    """The step that all times go in (s)."""
+    every = np.diff(np.unique(np.round(1e7 * stamp).astype(np.int64)))
     return 1e-7 * float(np.gcd.reduce(every)) if every.size else 0.0

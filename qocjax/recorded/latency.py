@@ -26,6 +26,7 @@ _BLOCKS = 12  # of the run, each left out once for the uncertainty
 _MOST = 20_000  # intervals; of denser poses every n-th counts
 _LEAST = 100
 _SAMPLING = 0.1  # of the interval between poses, as far as steps between them blur the result
+_CHANGE = 1e-3  # m/s or rad/s, from where on two commands differ; they must in half of the blocks
 _CLEAR = 0.5  # correlation, below which commands do not explain the motion
 _WIDEST = 0.25  # s, half of the interval, above which the delay counts as unknown
 _LONGEST = 1.0  # s, between two poses, above which nothing is known of the way between
@@ -61,6 +62,9 @@ def command_to_motion(commands: Series, poses: Series) -> Latency | None:
     if found is None or told.size < 3:
         return None
     start, end, done = found
+    changed = told[1:][(np.abs(np.diff(speeds, axis=0)) > _CHANGE).any(axis=1)]
+    if np.unique(np.searchsorted(np.linspace(start[0], end[-1], _BLOCKS + 1), changed)).size < _BLOCKS // 2:
+        return None
     block = np.minimum(np.arange(start.size) * _BLOCKS // start.size, _BLOCKS - 1)
     coarse = np.arange(_RANGE[0], _RANGE[1] + _COARSE / 2, _COARSE)
     sums = _sums(coarse, told, speeds, start, end, done, block)

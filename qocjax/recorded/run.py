@@ -115,6 +115,11 @@ def _from_content(
             loops |= {robot: trace} if trace is not None else {}
         found = command_to_motion(each, states[0]) if states else None
         latency |= {robot: found} if found is not None else {}
+        if found is None and robot not in loops and states:
+            findings.note(
+                f"{where[robot]}: no delay between commands and motion can be estimated, as commands change too seldom "
+                "or do not explain the motion"
+            )
     poses = {robot: each for robot, each in poses.items() if each.time.size > 1}
     first = min((float(each.record.min()) for each in commands.values() if each.record.size), default=None)
     judged = None

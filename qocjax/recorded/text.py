@@ -29,7 +29,7 @@ def run_lines(run: RecordedRun, qoc: float | None) -> list[str]:
     for robot, trace in run.loops.items():
         lines += _loop_lines(robot, trace)
     for topic, late in run.late.items():
-        median, most = 1e3 * np.percentile(late, (50, 99))
+        median, most = np.round(1e3 * np.percentile(late, (50, 99)), 6)
         lines.append(f"  {topic}: {median:.3g} ms (99 %: {most:.3g} ms) later than its quickest")
     lines += [_command_line(robot, report) for robot, report in run.commands.items()]
     lines += [_latency_line(robot, each) for robot, each in run.latency.items()]
