@@ -12,6 +12,7 @@ from pathlib import Path
 from qocjax._reading import check_regular, decoding
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.storage import Channel, Message
+from qocjax.recorded.wal import left_in_log
 
 __all__ = ["SqliteFile"]
 
@@ -41,8 +42,11 @@ class SqliteFile:
         check_regular(path)
         self._folder: tempfile.TemporaryDirectory | None = None
         try:
-            self._place, self._options = self._placed()
+            self._place, self._options, log = self._placed()
             with decoding(path, "a rosbag2 SQLite3 file"), closing(self._connect()) as base:
+                if log is not None and left_in_log(base, log):
+                    findings.count(self.name, "damaged")
+                    findings.note(f"{self.name}: its -wal file holds pages that are damaged or were never finished")
                 self.channels = self._topics(base)
                 self._total = self._count(base)
         except BaseException:
@@ -61,9 +65,9 @@ class SqliteFile:
         seen = 0
         for number, time, data in self._rows(numbers):
             seen += 1
-            if number not in numbers:
+            if number in self.channels and number not in numbers:
                 continue
-            if isinstance(time, int) and isinstance(data, bytes):
+            if number in numbers and isinstance(time, int) and isinstance(data, bytes):
                 yield number, time, data
             else:
                 self._findings.count(self.name, "unreadable")
@@ -94,16 +98,16 @@ class SqliteFile:
                     if last is None:
                         return
 
-    def _placed(self) -> tuple[Path, str]:
-        """The file and how to open it, so that nothing is written beside it: where SQLite must repair it, a copy."""
+    def _placed(self) -> tuple[Path, str, Path | None]:
+        """The file, how to open it, and its log, so that nothing is written beside it: where it needs repair, a copy."""
         beside = [self.path.with_name(self.path.name + end) for end in _BESIDE]
         beside = [each for each in beside if each.is_file() and each.stat().st_size]
         if not beside:
-            return self.path, "mode=ro&immutable=1"
+            return self.path, "mode=ro&immutable=1", None
         self._folder = tempfile.TemporaryDirectory(prefix="qocjax")
         for each in (self.path, *beside):
             shutil.copyfile(each, Path(self._folder.name) / each.name)
-        return Path(self._folder.name) / self.path.name, "mode=rw"
+        return Path(self._folder.name) / self.path.name, "mode=rw", next((f for f in beside if f.suffix.endswith("-wal")), None)
 
     def _connect(self) -> sqlite3.Connection:
         base = sqlite3.connect(f"{self._place.resolve().as_uri()}?{self._options}", uri=True)
