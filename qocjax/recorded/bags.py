@@ -22,7 +22,7 @@ __all__ = ["Bag", "Topic", "is_bag", "open_bag", "storage_files"]
 _SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # looked up for every message, so by what it is, which is quick
 class Topic:
     """A topic of a bag, of one type and encoding; a name with two types is two topics."""
 
@@ -50,7 +50,7 @@ class Bag:
             key = (channel.name, channel.kind, channel.encoding)
             offered[key] = max(offered.get(key, []), profiles(channel.profile), key=len)
         self.topics = [
-            Topic(name, kind, counts.get((name, kind)), joined(words), len(words), encoding)
+            Topic(name, kind, self._count(counts, (name, kind)), joined(words), len(words), encoding)
             for (name, kind, encoding), words in offered.items()
         ]
 
@@ -78,6 +78,13 @@ class Bag:
                 seen[topic] += 1
                 yield topic, time, _plain(data) if data[:4] == ZSTD else data
         self._account(seen)
+
+    def _count(self, counts: dict[tuple[str, str], int], key: tuple[str, str]) -> int | None:
+        """Messages of a topic; a metadata.yaml that was never written to its end says 0 where files hold some."""
+        found = counts.get(key)
+        totals = [file.total for file in self._files]
+        trusted = None not in totals and sum(t or 0 for t in totals) <= sum(self._by_metadata.values())
+        return found if found or key not in self._by_metadata or trusted else self._by_files.get(key)
 
     def _account(self, seen: dict[Topic, int]) -> None:
         """Counts what was promised and not read."""

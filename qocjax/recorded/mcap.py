@@ -92,6 +92,7 @@ class McapFile:
                     _taken(found, code, data)
                 found.promised = promised
         self.channels, self.promised, self._chunks = found.channels, found.promised, found.chunks
+        self.total = None if found.promised is None else sum(found.promised.values())
 
     def close(self) -> None:
         """Nothing stays open between two readings."""

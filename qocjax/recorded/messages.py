@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 __all__ = ["COMMANDS", "GOALS", "POSES", "STAMPLESS", "TRANSFORMS", "Row", "decoder", "transforms"]
@@ -86,6 +87,7 @@ def transforms(data: bytes) -> list[tuple[str, str, int, float, float, float]]:
         raise ValueError(f"{TRANSFORMS}: {str(error) or type(error).__name__}") from None
 
 
+@cache
 def _parser(kind: str) -> Callable[[bytes, str], Any]:
     """Reads data of a type of ROS 2; of Nav2's, which rosbags does not know, by its definition."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore

@@ -35,7 +35,8 @@ class _Topic:
         self.place, self.record = (np.frombuffer(each, np.int64) for each in (raw.place, raw.record))
         self.stamp = np.frombuffer(raw.stamp, np.int64)
         self.stamped = (self.stamp != 0) & (self.stamp != STAMPLESS)
-        self.pose = None if raw.kind in COMMANDS else np.frombuffer(raw.values, np.float64).reshape(-1, 3)[:, :2]
+        self.values = np.frombuffer(raw.values, np.float64).reshape(-1, 3)
+        self.pose = None if raw.kind in COMMANDS else self.values[:, :2]
 
     def usual(self) -> float:
         """The usual interval (s)."""
@@ -118,6 +119,8 @@ def _step(leap: _Leap, topics: list[_Topic], findings: Findings) -> tuple[int, s
     gone = leap.after - leap.before - round(1e9 * lead.usual())
     poses = [topic for topic in topics if topic.pose is not None and topic.pair(leap.first, leap.last) is not None]
     goes_on = _goes_on(leap, poses[0], abs(size)) if poses else None
+    if size < 0 and _again(leap, lead):
+        return None
     if size < 0 and not _reordered(leap, lead, goes_on):
         findings.note(f"{text}, and nothing says that messages are out of order; the clock was set back, and its step "
                       "is taken out")  # fmt: skip
@@ -170,6 +173,19 @@ def _goes_on(leap: _Leap, topic: _Topic, size: float) -> bool | None:
     near = _RESOLUTION + 3.0 * max(speeds) * topic.usual()
     moved = float(np.hypot(*(topic.pose[after] - topic.pose[before])))
     return moved <= near < min(speeds) * size
+
+
+def _again(leap: _Leap, lead: _Topic) -> bool:
+    """Whether what comes after a leap is what came before it, once more."""
+    _, after = lead.pair(leap.first, leap.last) or (0, 0)
+    here = [_key(lead, k) for k in range(after, min(after + _NEAR, lead.place.size))]
+    low = int(np.searchsorted(np.sort(lead.record[:after]), min(each[0] for each in here)))
+    rows = np.argsort(lead.record[:after], kind="stable")[low : low + 2 * _NEAR]
+    return len(set(here) & {_key(lead, int(k)) for k in rows}) > len(here) // 2
+
+
+def _key(topic: _Topic, row: int) -> tuple[float, ...]:
+    return (int(topic.record[row]), int(topic.stamp[row]), *map(float, topic.values[row]))
 
 
 def _reordered(leap: _Leap, lead: _Topic, goes_on: bool | None) -> bool:

@@ -19,7 +19,7 @@ __all__ = ["SqliteFile"]
 _BESIDE = ("-wal", "-journal")  # what SQLite has not yet put into the file, or would take back from it
 _BEFORE_ALL = -(2**63)  # before the smallest key that SQLite has
 _LARGEST = 2**40  # keys that are looked at behind a broken row
-_MOST_LEAPS = 1000
+_MOST_BARREN, _FEW = 8, 4  # broken places one after the other with few rows between, where all that follows is noise
 _ERRORS = (sqlite3.Error, OverflowError, UnicodeError, MemoryError)
 
 
@@ -48,7 +48,7 @@ class SqliteFile:
                     findings.count(self.name, "damaged")
                     findings.note(f"{self.name}: its -wal file holds pages that are damaged or were never finished")
                 self.channels = self._topics(base)
-                self._total = self._count(base)
+                self.total = self._count(base)
         except BaseException:
             self.close()
             raise
@@ -71,10 +71,10 @@ class SqliteFile:
                 yield number, time, data
             else:
                 self._findings.count(self.name, "unreadable")
-        if self._total is not None and seen > self._total:
+        if self.total is not None and seen > self.total:
             self._findings.count(self.name, "damaged")
-            self._findings.note(f"{self.name}: its index holds {self._total} of {seen} messages; all of them are read")
-        self.lost = max((self._total or 0) - seen, 0)
+            self._findings.note(f"{self.name}: its index holds {self.total} of {seen} messages; all of them are read")
+        self.lost = max((self.total or 0) - seen, 0)
 
     def _rows(self, numbers: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         """Rows of every topic, with the data of those wanted only."""
@@ -83,20 +83,21 @@ class SqliteFile:
             f"SELECT id, topic_id, timestamp, CASE WHEN topic_id IN ({marks}) THEN data END "
             "FROM messages NOT INDEXED WHERE id > ? ORDER BY id"
         )
-        last: int | None = _BEFORE_ALL
+        start: int | None = _BEFORE_ALL
+        barren = 0
         with closing(self._connect()) as base:
-            for _ in range(_MOST_LEAPS):
+            while start is not None and barren < _MOST_BARREN:
+                furthest, count = start, 0
                 try:
-                    for last, number, time, data in base.execute(text, (*numbers, last)):
+                    for key, number, time, data in base.execute(text, (*numbers, start)):
+                        furthest, count = max(furthest, key), count + 1  # keys of a broken tree may go back
                         yield number, time, data
                     return
                 except _ERRORS:
-                    assert last is not None
-                    last = _beyond(base, last)
-                    if last is not None or not self._cut():
+                    barren = barren + 1 if count < _FEW else 0
+                    start = _beyond(base, furthest)
+                    if start is not None or not self._cut():
                         self._findings.count(self.name, "damaged")
-                    if last is None:
-                        return
 
     def _placed(self) -> tuple[Path, str, Path | None]:
         """The file, how to open it, and its log, so that nothing is written beside it: where it needs repair, a copy."""
@@ -164,5 +165,4 @@ def _beyond(base: sqlite3.Connection, last: int) -> int | None:
     while low + 1 < high:
         middle = (low + high) // 2
         low, high = (low, middle) if readable(middle) is not None else (middle, high)
-    found = readable(high)
-    return None if found is None else max(found - 1, last + 1)
+    return max(high - 1, last + 1)

@@ -28,6 +28,7 @@ class StorageFile(Protocol):
     name: str  # how the file is called in findings
     channels: dict[int, Channel]
     promised: dict[int, int] | None  # messages by channel; None where the file does not say
+    total: int | None  # messages of all channels, as an index or statistics say
     lost: int  # messages of any channel that are there and could not be read, as far as is known after reading
 
     def messages(self, numbers: Collection[int]) -> Iterator[Message]:
