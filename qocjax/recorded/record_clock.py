@@ -23,6 +23,7 @@ __all__ = ["mend"]
 Array = NDArray[np.float64]
 
 _BACK, _AHEAD = 0.1, 1.0  # s, from where on record times leap; less is disorder, or a pause
+_FAR = 10.0  # s, from its neighbours, at which a single record time is wrong
 _LONG, _SHARE = 60.0, 3.0  # s, and times the rest of the run: a longer leap is no part of a run
 _NEAR = 50  # messages on either side that say how a clock stood
 _MOVING, _RESOLUTION = 0.05, 0.1  # m/s and m, from where on a robot drives, and has moved
@@ -69,12 +70,38 @@ def mend(raws: Collection[Raw], findings: Findings) -> None:
     """
     topics = [_Topic(raw) for raw in raws if len(raw.place) > 1]
     topics.sort(key=lambda topic: -topic.place.size)
+    _mend_single(topics, findings)
     found = [(leap, step) for leap in _leaps(topics) if (step := _step(leap, topics, findings)) is not None]
     found.sort(key=lambda each: each[0].first)
     if not found:
         return
     _apply(topics + [_Topic(raw) for raw in raws if len(raw.place) == 1], [leap for leap, _ in found], [step for _, step in found])
     findings.count("record times", "clock_set", len(found))
+
+
+def _mend_single(topics: list[_Topic], findings: Findings) -> None:
+    """Record times that are far from those of the messages before and after, which are near each other."""
+    if not topics:
+        return
+    place = np.concatenate([topic.place for topic in topics])
+    order = np.argsort(place, kind="stable")
+    record = np.concatenate([topic.record for topic in topics])[order]
+    before, here, after = record[:-2], record[1:-1], record[2:]
+    away = np.minimum(np.abs(here - before), np.abs(here - after))
+    found = np.flatnonzero((away > 1e9 * _FAR) & (np.abs(after - before) < away / 2))
+    single = place[order][1:-1][found]
+    middle = dict(zip(single.tolist(), ((before + after) // 2)[found].tolist(), strict=True))
+    for topic in topics if single.size else ():
+        rows = np.flatnonzero(np.isin(topic.place, single))
+        offset = _common_delay(topic, ~np.isin(topic.place, single))
+        for row in rows:
+            by_stamp = int(topic.stamp[row]) + offset if offset is not None and topic.stamped[row] else None
+            if by_stamp is not None and abs(by_stamp - int(topic.record[row])) < 1e9 * _AHEAD:
+                continue  # its stamp agrees with its record time: it lies at another place
+            between = middle[int(topic.place[row])]
+            topic.record[row] = by_stamp if by_stamp is not None and abs(by_stamp - between) < 1e9 * _FAR else between
+            findings.count("record times", "clock_set")
+            findings.note(f"record times: that of message {int(topic.place[row]) + 1} is far from those around it; mended")
 
 
 def _leaps(topics: list[_Topic]) -> list[_Leap]:
@@ -85,11 +112,22 @@ def _leaps(topics: list[_Topic]) -> list[_Leap]:
         every = 1e-9 * np.diff(topic.record)
         for k in np.flatnonzero((every < -_BACK) | (every > max(_AHEAD, 5.0 * topic.usual()))):
             leap = _Leap(*(int(each) for each in (*topic.place[k : k + 2], *topic.record[k : k + 2])))
-            if not (low <= leap.first and leap.last <= high) and all(_shares(leap, other) for other in topics):
+            known = low <= leap.first and leap.last <= high
+            if not known and _lasts(topic, int(k), every[k]) and all(_shares(leap, other) for other in topics):
                 found.append(leap)
         low, high = (int(topic.place[0]), int(topic.place[-1])) if high < 0 else (
             min(low, int(topic.place[0])), max(high, int(topic.place[-1])))  # fmt: skip
     return found
+
+
+def _lasts(topic: _Topic, row: int, size: float) -> bool:
+    """Whether messages come as usual before and after a leap; among messages out of order they do not."""
+    usual = topic.usual()
+    count = int(np.clip(abs(size) / usual, 3, 20)) if usual > 0.0 else 3
+    every = 1e-9 * np.diff(topic.record[max(row - count, 0) : row + count + 2])
+    others = np.delete(every, min(row, count))
+    share = float(((others > -0.5 * usual) & (others < max(5.0 * usual, 0.5 * abs(size)))).mean()) if others.size else 1.0
+    return share > 0.8 if abs(size) >= _AHEAD else share == 1.0
 
 
 def _shares(leap: _Leap, topic: _Topic) -> bool:
@@ -121,7 +159,7 @@ def _step(leap: _Leap, topics: list[_Topic], findings: Findings) -> tuple[int, s
     goes_on = _goes_on(leap, poses[0], abs(size)) if poses else None
     if size < 0 and _again(leap, lead):
         return None
-    if size < 0 and not _reordered(leap, lead, goes_on):
+    if size < 0 and not _reordered(leap, lead, goes_on, poses[0] if poses else None):
         findings.note(f"{text}, and nothing says that messages are out of order; the clock was set back, and its step "
                       "is taken out")  # fmt: skip
         return gone, "both"
@@ -143,9 +181,9 @@ def _stamps(leap: _Leap, topic: _Topic) -> str:
         return ""
     size, moved = leap.after - leap.before, int(topic.stamp[pair[1]]) - int(topic.stamp[pair[0]])
     usual = round(1e9 * topic.usual())
-    if abs(moved - size) <= 0.1 * abs(size) + 2 * usual and abs(moved) > 0.5 * abs(size):
+    if abs(moved - size) <= 0.1 * abs(size) + min(2 * usual, 0.3 * abs(size)):
         return "along"
-    return "steady" if abs(moved) <= 0.1 * abs(size) + 5 * usual else ""
+    return "steady" if abs(moved) <= 0.1 * abs(size) + min(5 * usual, 0.3 * abs(size)) else ""
 
 
 def _offset(leap: _Leap, topic: _Topic) -> int:
@@ -188,7 +226,7 @@ def _key(topic: _Topic, row: int) -> tuple[float, ...]:
     return (int(topic.record[row]), int(topic.stamp[row]), *map(float, topic.values[row]))
 
 
-def _reordered(leap: _Leap, lead: _Topic, goes_on: bool | None) -> bool:
+def _reordered(leap: _Leap, lead: _Topic, goes_on: bool | None, poses: _Topic | None) -> bool:
     """Whether messages after a leap back were recorded before those that lie before it: their times fit together."""
     pair = lead.pair(leap.first, leap.last)
     assert pair is not None
@@ -199,27 +237,50 @@ def _reordered(leap: _Leap, lead: _Topic, goes_on: bool | None) -> bool:
     first, second = lead.record[start : pair[1]], lead.record[pair[1] : stop]
     apart = 1e-9 * (int(first.min()) - int(second.max()))
     if apart < -2.0 * lead.usual():
-        return second.size == 1 or (second.size < 5 and -1e-9 * (leap.after - leap.before) < _AHEAD)
+        small = 1e-9 * (leap.before - leap.after) < _AHEAD
+        return second.size == 1 or (small and (poses is None or not _smoother_as_stored(leap, poses)))
     return apart <= max(_AHEAD, 5.0 * lead.usual()) or goes_on is False
 
 
+def _smoother_as_stored(leap: _Leap, poses: _Topic) -> bool:
+    """Whether the way around a leap is shorter in the order of the storage than in that of the record times."""
+    assert poses.pose is not None
+    before, after = poses.pair(leap.first, leap.last) or (0, 0)
+    part = slice(max(before - _NEAR, 0), after + _NEAR)
+    way, order = poses.pose[part], np.argsort(poses.record[part], kind="stable")
+    stored, timed = (float(np.hypot(*np.diff(each, axis=0).T).sum()) for each in (way, way[order]))
+    return stored < 0.95 * timed
+
+
 def _apply(topics: list[_Topic], leaps: list[_Leap], steps: list[tuple[int, str]]) -> None:
-    """Moves the pieces between leaps so that the longest keeps its times."""
+    """Moves the pieces between leaps to where one of them is."""
     pieces = [_pieces(topic, leaps) for topic in topics]
-    sizes = np.sum([np.bincount(piece, minlength=len(leaps) + 1) for piece in pieces], axis=0)
+    base = _base(topics, pieces, len(leaps) + 1, any(how == "record" for _, how in steps))
     total = np.append(0, np.cumsum([size for size, _ in steps]))  # exact: integers
-    total = total - total[int(np.argmax(sizes))]
     for topic, piece in zip(topics, pieces, strict=True):
         along = [how == "both" or _stamps(leap, topic) == "along" for leap, (_, how) in zip(leaps, steps, strict=True)]
         own = np.append(0, np.cumsum([size if with_it else 0 for (size, _), with_it in zip(steps, along, strict=True)]))
-        own = own - own[int(np.argmax(sizes))]
-        offset = _common_delay(topic, piece == int(np.argmax(sizes)))
-        topic.record -= total[piece]
-        topic.stamp[topic.stamped] -= own[piece][topic.stamped]
-        for k in range(len(sizes)):
+        offset = _common_delay(topic, piece == base)
+        topic.record -= (total - total[base])[piece]
+        topic.stamp[topic.stamped] -= (own - own[base])[piece][topic.stamped]
+        for k in range(len(leaps) + 1):
             rows = np.flatnonzero((piece == k) & topic.stamped)
             if offset is not None and rows.size > 1 and np.ptp(topic.record[rows]) == 0 < np.ptp(topic.stamp[rows]):
                 topic.record[rows] = topic.stamp[rows] + offset  # a clock that stood still
+
+
+def _base(topics: list[_Topic], pieces: list[NDArray[np.intp]], count: int, by_stamps: bool) -> int:
+    """The piece that keeps its times: where record times are nearest to stamps that do not step, or the longest."""
+    sizes = np.sum([np.bincount(piece, minlength=count) for piece in pieces], axis=0)
+    if not by_stamps:
+        return int(np.argmax(sizes))
+    away = np.full(count, np.inf)
+    for topic, piece in zip(topics, pieces, strict=True):
+        for k in range(count):
+            delay = _common_delay(topic, piece == k)
+            if delay is not None and 2 * sizes[k] >= sizes.max():  # of pieces of some length
+                away[k] = min(away[k], abs(delay))
+    return int(np.argmin(away)) if np.isfinite(away).any() else int(np.argmax(sizes))
 
 
 def _common_delay(topic: _Topic, rows: NDArray[np.bool_]) -> int | None:
