@@ -14,6 +14,7 @@ __all__ = ["AHEAD", "BACK", "NEAR", "Leap", "Topic", "goes_on", "lasts", "reorde
 
 BACK, AHEAD = 0.1, 1.0  # s, from where on times leap; less is disorder, or a pause
 NEAR = 50  # messages on either side that say how a clock stood
+_UNDER_WAY = 10  # messages that may have been under way when the clock was set
 _MOVING, _RESOLUTION = 0.05, 0.1  # m/s and m, from where on a robot drives, and has moved
 
 
@@ -76,10 +77,14 @@ def shares(leap: Leap, topic: Topic) -> bool:
 def stamps_go(leap: Leap, topic: Topic) -> str:
     """How a topic's stamps go over a leap: `steady`, `along` with it, or neither."""
     pair = topic.pair(leap.first, leap.last)
-    if pair is None or not topic.stamped[list(pair)].all():
+    if pair is None:
         return ""
-    size, moved = leap.after - leap.before, int(topic.stamp[pair[1]]) - int(topic.stamp[pair[0]])
+    before, after = max(pair[0] - _UNDER_WAY, 0), min(pair[1] + _UNDER_WAY, topic.place.size - 1)
+    if not (topic.stamped[before] and topic.stamped[after]):
+        return ""
     usual = round(1e9 * topic.usual())
+    between = (after - before - 1) * usual
+    size, moved = leap.after - leap.before, int(topic.stamp[after]) - int(topic.stamp[before]) - between
     if abs(moved - size) <= 0.1 * abs(size) + min(2 * usual, 0.3 * abs(size)):
         return "along"
     return "steady" if abs(moved) <= 0.1 * abs(size) + min(5 * usual, 0.3 * abs(size)) else ""
