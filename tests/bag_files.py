@@ -1,4 +1,4 @@
-"""Bags in the layouts that recorders leave behind: MCAP in all its variants, SQLite killed before a checkpoint, packed."""
+"""Bags in the layouts that recorders leave behind: MCAP in its variants, SQLite killed before a checkpoint, packed."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def write_mcap(
 
 
 def write_wal(path: Path, messages: list[Message], checkpoint: int) -> Path:
-    """A folder as Foxy's recorder leaves it when it is killed: what came after a checkpoint is in the -wal file alone."""
+    """A folder as Foxy's recorder leaves it when killed: what came after a checkpoint is in the -wal file alone."""
     path.mkdir(parents=True)
     work = path.parent / "work.db3"
     base = sqlite3.connect(work, isolation_level=None)

@@ -41,7 +41,9 @@ def _overwrite(content: bytes, rng: random.Random) -> Damage:
 def _drop(content: bytes, rng: random.Random) -> Damage:
     size = min(rng.choice((1, 7, 64, 1000)), len(content))
     place = rng.randrange(len(content) - size + 1)
-    return Damage(content[:place] + content[place + size :], f"drop {place} to {place + size}", ((place, len(content)),))
+    return Damage(
+        content[:place] + content[place + size :], f"drop {place} to {place + size}", ((place, len(content)),)
+    )
 
 
 def _insert(content: bytes, rng: random.Random) -> Damage:
@@ -50,7 +52,15 @@ def _insert(content: bytes, rng: random.Random) -> Damage:
     return Damage(content[:place] + more + content[place:], f"insert {len(more)} at {place}", ((place, len(content)),))
 
 
-_KINDS: tuple[Callable[[bytes, random.Random], Damage], ...] = (_flip, _flip, _cut, _overwrite, _overwrite, _drop, _insert)
+_KINDS: tuple[Callable[[bytes, random.Random], Damage], ...] = (
+    _flip,
+    _flip,
+    _cut,
+    _overwrite,
+    _overwrite,
+    _drop,
+    _insert,
+)
 
 
 def damaged(content: bytes, seed: int) -> Damage:

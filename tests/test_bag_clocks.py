@@ -33,7 +33,9 @@ def drive(step: float = 0.0, at: float = 10.0, stamps_step: bool = True, command
 
 
 def read(path: Path) -> RecordedRun:
-    return read_run(RunFiles("run", bag=path), Rules(TOPICS, yardstick=Yardstick(goal=(3.6, 0.0), v_max=0.22)), quiet=True)
+    return read_run(
+        RunFiles("run", bag=path), Rules(TOPICS, yardstick=Yardstick(goal=(3.6, 0.0), v_max=0.22)), quiet=True
+    )
 
 
 def found(run: RecordedRun) -> dict[str, int]:
@@ -74,7 +76,9 @@ def test_record_time_0_before_the_simulated_clock_begins(tmp_path: Path) -> None
 
 
 def test_commands_without_stamps_go_by_the_order_of_messages(tmp_path: Path) -> None:
-    commands = [(RATE * k + 0.01 + (7200.0 if k >= 200 else 0.0), "/cmd_vel", TWIST, speeds(0.2, 0.0)) for k in range(400)]
+    commands = [
+        (RATE * k + 0.01 + (7200.0 if k >= 200 else 0.0), "/cmd_vel", TWIST, speeds(0.2, 0.0)) for k in range(400)
+    ]
     run = read(write_bag(tmp_path / "bag", commands))
     assert found(run) == {"clock_set": 1}
     assert run.commands["robot"].longest_gap < 0.11
@@ -97,8 +101,8 @@ def test_a_pause_while_the_robot_drives_on_is_a_gap(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_stands_for_a_while_is_no_step(tmp_path: Path) -> None:
-    messages = [m for m in drive() if m[0] < 0.5] + [(m[0] + 20.0, *m[1:3], pose(ODOM, m[0] + 20.0, 0.0, 0.0, 0.0, "odom"))
-                                                     for m in drive(commands=False) if m[0] < 0.5]  # fmt: skip
+    messages = [m for m in drive(commands=False) if m[0] < 0.5]
+    messages += [(m[0] + 20.0, *m[1:3], pose(ODOM, m[0] + 20.0, 0.0, 0.0, 0.0, "odom")) for m in messages]
     run = read(write_bag(tmp_path / "bag", messages))
     assert "clock_set" not in found(run)
 

@@ -19,7 +19,7 @@ def drive(
     seed: int, delay: float, jitter: float = 0.0, noise: float = 1e-3, period: float = 0.1, every: float = 0.05,
     seconds: float = 60.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Record times and speeds of commands, times and poses of a robot that follows each `delay` to `delay + jitter` later."""
+    """Record times and speeds of commands, times and poses of a robot that follows `delay` to `delay + jitter` later."""
     rng = np.random.default_rng(seed)
     told = np.arange(0.0, seconds, period)
     told += 0.01 * rng.random(told.size)
@@ -78,7 +78,10 @@ def test_a_bag_of_plain_twists_tells_the_delay(tmp_path: Path) -> None:
     messages: list[Message] = [
         (float(t), "/cmd_vel", TWIST, speeds(float(v), float(w))) for t, (v, w, _) in zip(told, speeds_, strict=True)
     ]
-    messages += [(float(t), "/odom", ODOM, pose(ODOM, float(t), *map(float, p), "odom")) for t, p in zip(seen, poses, strict=True)]
+    messages += [
+        (float(t), "/odom", ODOM, pose(ODOM, float(t), *map(float, p), "odom"))
+        for t, p in zip(seen, poses, strict=True)
+    ]
     path = write_bag(tmp_path / "bag", sorted(messages, key=lambda message: message[0]))
     run = read_run(RunFiles("run", bag=path), Rules(TopicPatterns(("/odom",), ("/cmd_vel",))), quiet=True)
     found = run.latency["robot"]

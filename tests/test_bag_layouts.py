@@ -215,5 +215,3 @@ def test_an_unread_topic_gives_way_to_the_next(tmp_path: Path) -> None:
     broken = [(0.1 * k, "/a/odom", ODOM, b"\x00\x01\x00\x00") for k in range(5)]
     good = [(m[0], "/odom", *m[2:]) for m in straight()]
     is_whole(read(write_bag(tmp_path / "bag", [*broken, *good])))
-
-

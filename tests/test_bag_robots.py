@@ -1,4 +1,4 @@
-"""Robots as they are: poses in transforms alone, deep namespaces, several robots and publishers, goals that a bag has."""
+"""Robots as they are: poses in transforms alone, deep namespaces, several robots and publishers, goals of the bag."""
 
 from __future__ import annotations
 
@@ -7,9 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bags import AMCL, MOCAP, ODOM, PATH, STAMPED, TF, TWIST, Message, plan, pose, speeds, stamped, transforms, write_bag
+from bags import (
+    AMCL,
+    MOCAP,
+    ODOM,
+    PATH,
+    STAMPED,
+    TF,
+    TWIST,
+    Message,
+    plan,
+    pose,
+    speeds,
+    stamped,
+    transforms,
+    write_bag,
+)
 from hydra import compose, initialize_config_dir
-from rosbags.typesys import get_types_from_msg
 
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
@@ -30,7 +44,9 @@ def read(path: Path, *options: str) -> RecordedRun:
     return ingest(path, *options).runs[0]
 
 
-def line(topic: str = "/odom", kind: str = ODOM, y: float = 0.0, count: int = 200, frame: str = "odom") -> list[Message]:
+def line(
+    topic: str = "/odom", kind: str = ODOM, y: float = 0.0, count: int = 200, frame: str = "odom"
+) -> list[Message]:
     """A robot on its way along x at 0.2 m/s."""
     return [(RATE * k, topic, kind, pose(kind, RATE * k, 0.2 * RATE * k, y, 0.0, frame)) for k in range(count)]
 
@@ -45,7 +61,9 @@ def found(each: RecordedRun) -> dict[str, int]:
 
 def tree(prefix: str = "", turn: float = np.pi / 2, localised: bool = True, y: float = 0.0) -> list[Message]:
     """A robot that drives along x of odom, which lies turned in map, as localisation and odometry publish it."""
-    messages: list[Message] = [(0.0, "/tf_static", TF, transforms((f"{prefix}base_footprint", f"{prefix}base_link", 0.0, 0.0, 0.0, 0.0)))]
+    messages: list[Message] = [
+        (0.0, "/tf_static", TF, transforms((f"{prefix}base_footprint", f"{prefix}base_link", 0.0, 0.0, 0.0, 0.0)))
+    ]
     for k in range(200):
         time = RATE * k
         messages.append((time, "/tf", TF, transforms(
@@ -213,7 +231,9 @@ def nav2(published: bool, repeats: int = 1, delay: float = 0.15, count: int = 40
     for k in range(1, count - 10):
         out = RATE * k + delay + 0.01 * rng.random()
         stamp = out if published else RATE * k
-        commands += [(out + 0.002 + 0.001 * n, "/cmd_vel", STAMPED, stamped(stamp, 0.2, 0.01 * n)) for n in range(repeats)]
+        commands += [
+            (out + 0.002 + 0.001 * n, "/cmd_vel", STAMPED, stamped(stamp, 0.2, 0.01 * n)) for n in range(repeats)
+        ]
     return in_time(line(count=count), commands)
 
 

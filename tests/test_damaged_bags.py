@@ -100,7 +100,9 @@ def rows(content: BagContent) -> Counter[tuple]:
     for part in (content.poses, content.commands):
         for robot, raw in part.items():
             values = np.frombuffer(raw.values, np.int64).reshape(-1, 3)
-            found.update((robot, raw.kind, r, s, *map(int, v)) for r, s, v in zip(raw.record, raw.stamp, values, strict=True))
+            found.update(
+                (robot, raw.kind, r, s, *map(int, v)) for r, s, v in zip(raw.record, raw.stamp, values, strict=True)
+            )
     return found
 
 

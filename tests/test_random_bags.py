@@ -40,7 +40,9 @@ class Truth:
 def make(rng: random.Random) -> tuple[Truth, list[Message]]:
     """A run: a robot stands for a second, drives along x, and stands again."""
     loop = rng.choice((None, 0.03, 0.12))
-    truth = Truth(rng.choice(LAYOUTS), rng.uniform(0.1, 0.5), rng.uniform(6.0, 12.0), rng.choice((0.02, 0.05, 0.1)), loop)
+    truth = Truth(
+        rng.choice(LAYOUTS), rng.uniform(0.1, 0.5), rng.uniform(6.0, 12.0), rng.choice((0.02, 0.05, 0.1)), loop
+    )
     count = int(truth.seconds / truth.period)
     lost = {k for k in range(2, count - 2) if loop is not None and rng.random() < 0.02}
     truth.lost = len(lost)
@@ -110,7 +112,8 @@ def write(truth: Truth, messages: list[Message], folder: Path) -> Path:
     if layout == "packed_messages":
         return write_packed_messages(name, messages)
     options = {
-        "mcap_lz4": {"compression": COMPRESSIONS["lz4"], "chunk_size": 20_000}, "mcap_unchunked": {"use_chunking": False},
+        "mcap_lz4": {"compression": COMPRESSIONS["lz4"], "chunk_size": 20_000},
+        "mcap_unchunked": {"use_chunking": False},
         "mcap_no_repeats": {"repeat_channels": False}, "mcap_no_statistics": {"use_statistics": False},
     }[layout]  # fmt: skip
     return write_mcap(folder / "bag.mcap", messages, **options)
@@ -135,8 +138,10 @@ def judge(truth: Truth, run: RecordedRun) -> str:
             gone = truth.happened == ["gap"]
             right &= bool(np.abs(got - truth.loop).max() < 5e-3)
             right &= gone or int(trace.table["lost"].sum()) == truth.lost
-    expected = {"clock": "clock_set", "both": "clock_set", "gap": "gaps", "stamps": "restarts", "duplicates": "duplicates",
-                "disorder": "unordered"}  # fmt: skip
+    expected = {
+        "clock": "clock_set", "both": "clock_set", "gap": "gaps", "stamps": "restarts", "duplicates": "duplicates",
+        "disorder": "unordered",
+    }  # fmt: skip
     cause = expected.get(truth.happened[0])
     if right and cause is None:
         return "" if causes else "found"

@@ -127,9 +127,7 @@ class NavigationConfig(Part):
         """Values of the baseline design; the stack reads neither, the yardstick and the time of arrival do."""
         return {"kappa": self.kappa, "d_safe": self.d_safe}
 
-    def build(
-        self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy"
-    ) -> NavigationStack:
+    def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> NavigationStack:
         """The stack on a map, or on open floor.
 
         Args:

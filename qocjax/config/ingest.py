@@ -39,7 +39,9 @@ class TopicsConfig(Part):
             if set(words(pattern)) - {"robot"}:
                 raise ValueError(f"topics: got {pattern!r}, expected no other word in braces than {{robot}}")
         return TopicPatterns(
-            tuple(self.poses), tuple(self.commands), tuple(self.goals),
+            tuple(self.poses),
+            tuple(self.commands),
+            tuple(self.goals),
             None if self.robots is None else tuple(self.robots),
         )
 

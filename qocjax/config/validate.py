@@ -137,6 +137,4 @@ class ValidateConfig(SimulationConfig):
         if isinstance(source, SurrogateConfig):
             return None
         scenario = self.scenario
-        return source.controller.build(
-            self.build_scenario(), scenario.map, self.robot.omega_max, scenario.map_release
-        )
+        return source.controller.build(self.build_scenario(), scenario.map, self.robot.omega_max, scenario.map_release)

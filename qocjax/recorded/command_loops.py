@@ -23,8 +23,8 @@ def command_loops(
 ) -> LoopTrace | None:
     """The loops that stamped commands tell of: each bears the stamp of the state that it answers (paper, D_cfg).
 
-    Nav2 and most other publishers stamp a command with the time at which they publish it. Then record time less stamp is
-    the transport of the command and no loop; the proof of the other case is that stamps of commands are those of poses.
+    Nav2 and most other publishers stamp a command with the time at which they publish it. Then record time less stamp
+    is the transport of the command and no loop; the proof of the other case is that stamps of commands are those of poses.
     The delay is record time less stamp, both on the robot's clock; a stamp of a pose that no command bears is a lost
     loop.
 
@@ -80,8 +80,8 @@ def _proven(stamp: Array, known: Array, delay: float, tick: float, where: str, f
         return False
     if chance > _CHANCE and delay <= tick:
         findings.note(
-            f"{where}: times go in steps of {1e3 * tick:.4g} ms, as of a simulated clock, and commands are recorded within "
-            f"one, so it cannot be known whether their stamps are those of poses; no loop times, {advice}"
+            f"{where}: times go in steps of {1e3 * tick:.4g} ms, as of a simulated clock, and commands are recorded "
+            f"within one, so it cannot be known whether their stamps are those of poses; no loop times, {advice}"
         )
         return False
     if share < 1.0:

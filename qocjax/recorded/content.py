@@ -73,7 +73,7 @@ def _content(
     found = [*poses.values(), *(raws[name] for name in commands.values())]
     if not found:
         raise ValueError(_unread(path, {topic.name for topic in wanted}))
-    goals = {}
+    goals: dict[str, Goal] = {}
     for name, robot in chosen.goals.items():
         goal = goal_of(raws[name], name, findings)
         if goal is not None:
@@ -135,4 +135,6 @@ def _say_frames(name: str, raw: Raw, findings: Findings) -> None:
     frames = sorted(raw.frames)
     if len(frames) > 1 and raw.kind not in COMMANDS:
         findings.count(name, "several_publishers", len(frames) - 1)
-        findings.note(f"{name}: has messages in {len(frames)} frames ({', '.join(frames[:4])}), as of as many publishers")
+        findings.note(
+            f"{name}: has messages in {len(frames)} frames ({', '.join(frames[:4])}), as of as many publishers"
+        )

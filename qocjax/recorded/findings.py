@@ -9,7 +9,7 @@ __all__ = ["CAUSES", "Finding", "Findings"]
 
 CAUSES = {
     "truncated": "files that end early; what could be read of them counts",
-    "damaged": "pieces of files (chunks, pages, records) that are not as they were written; what comes before and after counts",
+    "damaged": "pieces of files (chunks, pages, records) that are not as written; what comes before and after counts",
     "missing_files": "files that the metadata names and that are not there",
     "missing_messages": "messages that the metadata promises and the bag does not hold",
     "unreadable": "messages that cannot be decoded; left out",

@@ -1,9 +1,9 @@
 """From a command to the motion that it makes: the delay at which recorded commands fit the recorded poses best.
 
-A command holds until the next, so a robot that did what it was told d seconds later would have turned by
-Ω(t - d) between two poses, with Ω the integral of the commands, a line with a bend at each command. The delay is the d at
-which these changes of heading, and likewise of the distance along it, correlate best with those of the poses; what
-is compared are integrals over the same intervals, so neither numerical derivatives nor a common grid blur the result.
+A command holds until the next, so a robot that did what it was told d seconds later would have turned between two
+poses by what Ω(t - d) changes, with Ω the integral of the commands, a line with a bend at each command. The delay is the
+d at which these changes, and likewise those of the distance along the heading, correlate best with the poses'; what is
+compared are integrals over the same intervals, so neither numerical derivatives nor a common grid blur the result.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def command_to_motion(commands: Series, poses: Series) -> Latency | None:
     """Estimates the delay between commands and motion.
 
     It holds everything between the two records: transport to the robot, waiting, and the robot's own response; of the
-    poses' way to the recorder the smallest delay. The interval is Student's, from leaving out one of twelve parts of the
-    run at a time, and a tenth of the interval between poses.
+    poses' way to the recorder the smallest delay. The interval is Student's, from leaving out one of twelve parts of
+    the run at a time, and a tenth of the interval between poses.
 
     Args:
         commands: Speeds nu (m/s) and omega (rad/s) at their record times.

@@ -54,8 +54,9 @@ def decoder(kind: str) -> Callable[[bytes], Row]:
         COMMANDS[0]: lambda message: _command(None, message),
         COMMANDS[1]: lambda message: _command(message.header, message.twist),
         _PATH: lambda message: _pose(message.header, message.poses[-1].pose) if message.poses else _NOWHERE,
-        _SENT: lambda message: _pose(message.request[0].pose.header, message.request[0].pose.pose)
-        if message.request else _NOWHERE,
+        _SENT: lambda message: (
+            _pose(message.request[0].pose.header, message.request[0].pose.pose) if message.request else _NOWHERE
+        ),
     }.get(kind)
     if number is None:
         raise ValueError(f"type: got {kind!r}, expected one of {', '.join((*POSES, *COMMANDS, *GOALS))}")

@@ -48,9 +48,7 @@ def read_metadata(folder: Path) -> Metadata:
 def profiles(text: str) -> list[str]:
     """The QoS profiles of offered_qos_profiles in few words, such as `reliable keep_last(10)`; one a publisher."""
     found = [re.findall(rf"\b{key}: *['\"]?(\w+)", text) for key in ("reliability", "history", "depth")]
-    return [
-        _words(_RELIABILITY.get(r, r), _HISTORY.get(h, h), depth) for r, h, depth in zip(*found, strict=False)
-    ]
+    return [_words(_RELIABILITY.get(r, r), _HISTORY.get(h, h), depth) for r, h, depth in zip(*found, strict=False)]
 
 
 def _words(reliability: str, history: str, depth: str) -> str:

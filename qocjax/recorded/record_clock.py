@@ -1,4 +1,4 @@
-"""Record times that contradict header stamps and the order of messages: where the recorder's clock was set, and by how much.
+"""Record times that contradict header stamps and the order of messages: where the recorder's clock was set.
 
 Three witnesses say when a message came: its record time, its header stamp, and its place in the storage. Where record
 times leap and the stamps of a topic do not, stamps and order agree, and the recorder's clock was set. Where both leap
@@ -17,7 +17,18 @@ from qocjax.recorded.findings import Findings
 from qocjax.recorded.series import Raw
 from qocjax.recorded.stamp_clock import mend_stamps
 from qocjax.recorded.witnesses import (
-    AHEAD, BACK, NEAR, Leap, Topic, goes_on, lasts, reordered, said_again, shares, stamps_go, usual_delay,
+    AHEAD,
+    BACK,
+    NEAR,
+    Leap,
+    Topic,
+    goes_on,
+    lasts,
+    reordered,
+    said_again,
+    shares,
+    stamps_go,
+    usual_delay,
 )  # fmt: skip
 
 __all__ = ["mend"]
@@ -69,7 +80,9 @@ def _mend_single(topics: list[Topic], findings: Findings) -> None:
             between = middle[int(topic.place[row])]
             topic.record[row] = by_stamp if by_stamp is not None and abs(by_stamp - between) < 1e9 * _FAR else between
             findings.count("record times", "clock_set")
-            findings.note(f"record times: that of message {int(topic.place[row]) + 1} is far from those around it; mended")
+            findings.note(
+                f"record times: that of message {int(topic.place[row]) + 1} is far from those around it; mended"
+            )
 
 
 def _leaps(topics: list[Topic]) -> list[Leap]:
@@ -136,7 +149,9 @@ def _apply(topics: list[Topic], leaps: list[Leap], steps: list[tuple[int, str]])
     base = _base(topics, pieces, len(leaps) + 1, any(how == "record" for _, how in steps))
     total = np.append(0, np.cumsum([size for size, _ in steps]))  # exact: integers
     for topic, piece in zip(topics, pieces, strict=True):
-        along = [how == "both" or stamps_go(leap, topic) == "along" for leap, (_, how) in zip(leaps, steps, strict=True)]
+        along = [
+            how == "both" or stamps_go(leap, topic) == "along" for leap, (_, how) in zip(leaps, steps, strict=True)
+        ]
         own = np.append(0, np.cumsum([size if with_it else 0 for (size, _), with_it in zip(steps, along, strict=True)]))
         offset = usual_delay(topic, piece == base)
         stamp_piece = _piece_of_stamps(topic, piece, np.diff(own), offset)

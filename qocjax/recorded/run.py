@@ -94,7 +94,9 @@ def _from_content(
     """Adds what a bag's poses and commands say."""
     where = {robot: content.topics[robot][1] or f"commands of {robot}" for robot in content.commands}
     cleaned = {
-        part: {robot: clean(raw, content.begin, name_of(robot), rules.cleaning, findings) for robot, raw in raws.items()}
+        part: {
+            robot: clean(raw, content.begin, name_of(robot), rules.cleaning, findings) for robot, raw in raws.items()
+        }
         for part, raws, name_of in (
             ("poses", content.poses, lambda robot: content.topics[robot][0]),
             ("odometry", content.odometry, lambda robot: f"odometry of {robot}"),
@@ -105,7 +107,7 @@ def _from_content(
     if not poses:
         findings.note("no quality: no topic has poses")
     reports = {robot: report_commands(each, where[robot], rules.cleaning, findings) for robot, each in commands.items()}
-    latency = {}
+    latency: dict[str, Latency] = {}
     for robot, each in commands.items():
         states = [part[robot] for part in (odometry, poses) if robot in part]
         if each.kind == _STAMPED and robot not in loops:

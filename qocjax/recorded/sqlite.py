@@ -1,4 +1,4 @@
-"""rosbag2's SQLite3 files as they are: written to the end, killed before a checkpoint, cut off, or with broken pages."""
+"""rosbag2's SQLite3 files as they are: whole, killed before a checkpoint, cut off, or with broken pages."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class SqliteFile:
                         self._findings.count(self.name, "damaged")
 
     def _placed(self) -> tuple[Path, str, Path | None]:
-        """The file, how to open it, and its log, so that nothing is written beside it: where it needs repair, a copy."""
+        """The file, how to open it, and its log; where SQLite would repair it, a copy, so that nothing is written here."""
         beside = [self.path.with_name(self.path.name + end) for end in _BESIDE]
         beside = [each for each in beside if each.is_file() and each.stat().st_size]
         if not beside:
@@ -108,7 +108,11 @@ class SqliteFile:
         self._folder = tempfile.TemporaryDirectory(prefix="qocjax")
         for each in (self.path, *beside):
             shutil.copyfile(each, Path(self._folder.name) / each.name)
-        return Path(self._folder.name) / self.path.name, "mode=rw", next((f for f in beside if f.suffix.endswith("-wal")), None)
+        return (
+            Path(self._folder.name) / self.path.name,
+            "mode=rw",
+            next((f for f in beside if f.suffix.endswith("-wal")), None),
+        )
 
     def _connect(self) -> sqlite3.Connection:
         base = sqlite3.connect(f"{self._place.resolve().as_uri()}?{self._options}", uri=True)

@@ -22,7 +22,9 @@ def mend_stamps(topics: list[Topic], findings: Findings) -> None:
         topics: Messages, with record times that are in order; stamps are changed in place.
         findings: Takes a count and a remark for each step.
     """
-    lead = max((t for t in topics if t.pose is not None and t.stamped.sum() > 3), key=lambda t: t.place.size, default=None)
+    lead = max(
+        (t for t in topics if t.pose is not None and t.stamped.sum() > 3), key=lambda t: t.place.size, default=None
+    )
     if lead is None:
         return
     leaps = _leaps(lead)

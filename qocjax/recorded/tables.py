@@ -35,7 +35,8 @@ def run_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: QocSc
     for run, label in zip(runs, labels, strict=True):
         rows.append({
             "run": run.name, **label, "begins": _iso(run.begins), "recorded": run.duration, **_quality(run, scale),
-            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_latency(run), **_late(run), "offered_qos": _qos(run),
+            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_latency(run), **_late(run),
+            "offered_qos": _qos(run),
             **{f"found_{cause}": run.findings.total(cause) for cause in CAUSES},
             "notes": "; ".join(run.findings.notes),
         })  # fmt: skip

@@ -77,6 +77,6 @@ def _command_line(robot: str, report: CommandReport) -> str:
 def _latency_line(robot: str, latency: Latency) -> str:
     low, high = 1e3 * latency.low, 1e3 * latency.high
     return (
-        f"  {robot}: moves {1e3 * latency.delay:.0f} ms [{low:.0f}, {high:.0f}] after its commands are recorded (estimated "
-        f"from their correlation, {latency.correlation:.2f}; the robot's own response is part of it)"
+        f"  {robot}: moves {1e3 * latency.delay:.0f} ms [{low:.0f}, {high:.0f}] after its commands are recorded "
+        f"(estimated from their correlation, {latency.correlation:.2f}; the robot's own response is part of it)"
     )

@@ -45,7 +45,9 @@ def poses_of(namespace: str, transforms: Transforms, topic: str, findings: Findi
         topic: For remarks.
         findings: Takes remarks.
     """
-    tree = {child: max(parents.items(), key=lambda each: len(each[1].record)) for child, parents in transforms.raws.items()}
+    tree = {
+        child: max(parents.items(), key=lambda each: len(each[1].record)) for child, parents in transforms.raws.items()
+    }
     for child, parents in transforms.raws.items():
         if len(parents) > 1:
             findings.count(f"{topic}, {child}", "several_publishers", len(parents) - 1)

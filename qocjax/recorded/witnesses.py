@@ -1,4 +1,4 @@
-"""Three witnesses of when a message came: its record time, its header stamp, and its place in the storage; and the poses."""
+"""Witnesses of when a message came: its record time, its header stamp, its place in the storage, and the poses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,20 @@ from numpy.typing import NDArray
 from qocjax.recorded.messages import COMMANDS, STAMPLESS
 from qocjax.recorded.series import Raw
 
-__all__ = ["AHEAD", "BACK", "NEAR", "Leap", "Topic", "goes_on", "lasts", "reordered", "said_again", "shares", "stamps_go", "usual_delay"]
+__all__ = [
+    "AHEAD",
+    "BACK",
+    "NEAR",
+    "Leap",
+    "Topic",
+    "goes_on",
+    "lasts",
+    "reordered",
+    "said_again",
+    "shares",
+    "stamps_go",
+    "usual_delay",
+]
 
 BACK, AHEAD = 0.1, 1.0  # s, from where on times leap; less is disorder, or a pause
 NEAR = 50  # messages on either side that say how a clock stood
@@ -56,7 +69,9 @@ def lasts(topic: Topic, row: int, size: float) -> bool:
     count = int(np.clip(abs(size) / usual, 3, 20)) if usual > 0.0 else 3
     every = 1e-9 * np.diff(topic.record[max(row - count, 0) : row + count + 2])
     others = np.delete(every, min(row, count))
-    share = float(((others > -0.5 * usual) & (others < max(5.0 * usual, 0.5 * abs(size)))).mean()) if others.size else 1.0
+    share = (
+        float(((others > -0.5 * usual) & (others < max(5.0 * usual, 0.5 * abs(size)))).mean()) if others.size else 1.0
+    )
     return share > 0.8 if abs(size) >= AHEAD else share == 1.0
 
 
@@ -145,5 +160,6 @@ def _smoother_as_stored(leap: Leap, poses: Topic) -> bool:
 
 
 def usual_delay(topic: Topic, rows: NDArray[np.bool_]) -> int | None:
+    """Median of record time less stamp (ns) of some rows; None where none has a stamp."""
     rows = rows & topic.stamped
     return int(np.median((topic.record - topic.stamp)[rows])) if rows.any() else None
