@@ -19,7 +19,7 @@ def drive(
     seed: int, delay: float, jitter: float = 0.0, noise: float = 1e-3, period: float = 0.1, every: float = 0.05,
     seconds: float = 60.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Record times and speeds of commands, times and poses of a robot that follows `delay` to `delay + jitter` later."""
+    """Record times and speeds of commands, times and poses of a robot that follows `delay` to `delay + jitter` on."""
     rng = np.random.default_rng(seed)
     told = np.arange(0.0, seconds, period)
     told += 0.01 * rng.random(told.size)

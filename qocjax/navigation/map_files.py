@@ -29,9 +29,9 @@ def read_map(path: str | Path, trinary_costmap: bool = True, release: str = "jaz
     With p the grey of a pixel from 0 to 1, it is occupied with occ = 1 - p, or p with `negate`. In mode `trinary` it is
     an obstacle from `occupied_thresh` on, free up to `free_thresh`, else unknown. Mode `scale` spreads what is in
     between over 0 to 100. In mode `raw` the pixel itself, 0 to 100, is the occupancy, unknown above. Since Jazzy a
-    pixel that is not opaque is unknown in modes `trinary` and `scale`, and p is the luma of its colours (ITU-R BT.601). Up
-    to Iron p is the mean of the channels, in mode `trinary` with the opacity as one of them, only mode `scale` has
-    pixels that are not opaque unknown, and the thresholds themselves are in between.
+    pixel that is not opaque is unknown in modes `trinary` and `scale`, and p is the luma of its colours (ITU-R
+    BT.601). Up to Iron p is the mean of the channels, in mode `trinary` with the opacity as one of them, only mode
+    `scale` has pixels that are not opaque unknown, and the thresholds themselves are in between.
 
     Args:
         path: Of the YAML file; `image` in it is relative to its folder.

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from qocjax.recorded.bags import Bag, Topic
+from qocjax.recorded.bag import Bag, Topic
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.messages import COMMANDS, GOALS, POSES, TRANSFORMS
 from qocjax.recorded.patterns import matched

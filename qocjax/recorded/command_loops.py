@@ -24,7 +24,7 @@ def command_loops(
     """The loops that stamped commands tell of: each bears the stamp of the state that it answers (paper, D_cfg).
 
     Nav2 and most other publishers stamp a command with the time at which they publish it. Then record time less stamp
-    is the transport of the command and no loop; the proof of the other case is that stamps of commands are those of poses.
+    is the transport of the command and no loop; the proof of the other case is that commands bear stamps of poses.
     The delay is record time less stamp, both on the robot's clock; a stamp of a pose that no command bears is a lost
     loop.
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from qocjax.recorded.bags import Bag, Topic, open_bag
+from qocjax.recorded.bag import Bag, Topic
+from qocjax.recorded.bags import open_bag
 from qocjax.recorded.choice import Choice, choose, nothing
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.goals import Goal, goal_of

@@ -1,7 +1,7 @@
 """From a command to the motion that it makes: the delay at which recorded commands fit the recorded poses best.
 
-A command holds until the next, so a robot that did what it was told d seconds later would have turned between two
-poses by what Ω(t - d) changes, with Ω the integral of the commands, a line with a bend at each command. The delay is the
+A command holds until the next, so a robot that did what it was told d seconds later would turn between two poses by
+what Ω(t - d) changes, with Ω the integral of the commands, a line with a bend at each command. The delay is the
 d at which these changes, and likewise those of the distance along the heading, correlate best with the poses'; what is
 compared are integrals over the same intervals, so neither numerical derivatives nor a common grid blur the result.
 """

@@ -6,64 +6,21 @@ import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 from qocjax._reading import open_regular
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.mcap_contents import Contents, text_at
 from qocjax.recorded.records import CHANNEL, CHUNK, DATA_END, FOOTER, HEADER, MESSAGE, SCHEMA, records
-from qocjax.recorded.storage import Channel, Message
+from qocjax.recorded.storage import Message
 from qocjax.recorded.unpacking import unpacked
 
 __all__ = ["McapFile"]
 
 _MAGIC = b"\x89MCAP0\r\n"
-_STATISTICS, _CHUNK_INDEX = 0x0B, 0x08
 _FOOTER = struct.Struct("<BQQQI")  # code, size, where summary and its offsets begin, checksum
-_PROFILE = "offered_qos_profiles"
-
-
-@dataclass
-class _Contents:
-    """What a summary, or a walk through the file, says of it."""
-
-    schemas: dict[int, str] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    promised: dict[int, int] | None = None
-    chunks: dict[int, frozenset[int]] = field(default_factory=dict)  # channels of the chunk at a place
-    complete: bool = False  # whether all channels are known
-
-    def take(self, code: int, data: bytes) -> None:
-        """Takes up a record that says something of others.
-
-        Raises:
-            ValueError: It is shorter than it says.
-        """
-        try:
-            if code == SCHEMA:
-                self.schemas[struct.unpack_from("<H", data)[0]] = _text(data, 2)[0]
-            elif code == CHANNEL:
-                number, schema = struct.unpack_from("<HH", data)
-                name, place = _text(data, 4)
-                encoding, place = _text(data, place)
-                self.channels[number] = Channel(name, self.schemas.get(schema, ""), encoding, _profile(data, place))
-            elif code == _STATISTICS:
-                self._statistics(data)
-            elif code == _CHUNK_INDEX:
-                (size,) = struct.unpack_from("<I", data, 32)
-                self.chunks[struct.unpack_from("<Q", data, 16)[0]] = frozenset(
-                    number for number, _ in struct.iter_unpack("<HQ", data[36 : 36 + size])
-                )
-        except (struct.error, IndexError) as error:
-            raise ValueError(f"a record ends early: {error}") from None
-
-    def _statistics(self, data: bytes) -> None:
-        (channels,) = struct.unpack_from("<I", data, 10)
-        (size,) = struct.unpack_from("<I", data, 42)
-        self.promised = dict(struct.iter_unpack("<HQ", data[46 : 46 + size]))
-        self.complete = channels == len(self.channels) and self.promised.keys() <= self.channels.keys()
 
 
 class McapFile:
@@ -87,9 +44,9 @@ class McapFile:
             self._end, found = self._summary(file)
             if not found.complete:
                 promised = found.promised
-                found = _Contents()
+                found = Contents()
                 for code, data in self._walk(file, None):
-                    _taken(found, code, data)
+                    found.take(code, data)
                 found.promised = promised
         self.channels, self.promised, self._chunks = found.channels, found.promised, found.chunks
         self.total = None if found.promised is None else sum(found.promised.values())
@@ -99,7 +56,7 @@ class McapFile:
 
     def messages(self, numbers: Collection[int]) -> Iterator[Message]:
         """Yields messages in the order of the file; of what is broken, what comes before and after."""
-        wanted, unknown, known = frozenset(numbers), 0, _Contents()
+        wanted, unknown, known = frozenset(numbers), 0, Contents()
         unpack = struct.Struct("<HIQ").unpack_from
         with open_regular(self.path) as file:
             for code, data in self._walk(file, wanted):
@@ -110,7 +67,7 @@ class McapFile:
                     elif number not in self.channels:
                         unknown += 1
                 else:
-                    _taken(known, code, data)
+                    known.take(code, data)
         if unknown:
             self._findings.count(self.name, "unreadable", unknown)
             self._findings.note(f"{self.name}: {unknown} messages are of no topic that it names")
@@ -132,9 +89,9 @@ class McapFile:
         file.seek(max(self._size - _FOOTER.size - len(_MAGIC), 0))
         return file.read()
 
-    def _summary(self, file: BinaryIO) -> tuple[int, _Contents]:
+    def _summary(self, file: BinaryIO) -> tuple[int, Contents]:
         """Where the data ends, and what the summary says; nothing where it is broken or there is none."""
-        tail, empty = self._tail(file), _Contents()
+        tail, empty = self._tail(file), Contents()
         if len(tail) < _FOOTER.size + len(_MAGIC) or tail[:9] != bytes([FOOTER]) + struct.pack("<Q", 20):
             whole = tail[-len(_MAGIC) :] == _MAGIC
             self._findings.count(self.name, "damaged" if whole else "truncated")
@@ -145,7 +102,7 @@ class McapFile:
         _, _, start, _, checksum = _FOOTER.unpack_from(tail)
         if not start:
             return end, empty
-        found = _Contents()
+        found = Contents()
         if not len(_MAGIC) < start <= end:
             self._findings.count(self.name, "damaged")
             return end, empty
@@ -154,7 +111,7 @@ class McapFile:
         sound = not checksum or zlib.crc32(summary + tail[:25]) == checksum
         broken: list[str] = []
         for code, _, data in records(BytesIO(summary), 0, len(summary), lambda why: broken.append(why)):
-            sound &= _taken(found, code, data)
+            sound &= found.take(code, data)
         if not sound or broken:
             self._findings.count(self.name, "damaged")
             self._findings.note(f"{self.name}: its summary is damaged; the file is read without it")
@@ -191,19 +148,11 @@ def _ignored(why: str) -> None:
     """Takes no notice."""
 
 
-def _taken(found: _Contents, code: int, data: bytes) -> bool:
-    try:
-        found.take(code, data)
-    except ValueError:
-        return False
-    return True
-
-
 def _chunk(data: bytes) -> tuple[bytes, bool]:
     """Records of a chunk, as far as it unpacks, and whether they are what was written."""
     try:
         size, checksum = struct.unpack_from("<QI", data, 16)
-        method, place = _text(data, 28)
+        method, place = text_at(data, 28)
         (packed,) = struct.unpack_from("<Q", data, place)
     except (struct.error, IndexError):
         return b"", False
@@ -212,24 +161,3 @@ def _chunk(data: bytes) -> tuple[bytes, bool]:
     if checksum and whole:
         whole = zlib.crc32(inner) == checksum
     return inner, whole and packed == len(body)
-
-
-def _text(data: bytes, place: int) -> tuple[str, int]:
-    (size,) = struct.unpack_from("<I", data, place)
-    end = place + 4 + size
-    if end > len(data):
-        raise IndexError("text ends early")
-    return data[place + 4 : end].decode("utf-8", "replace"), end
-
-
-def _profile(data: bytes, place: int) -> str:
-    """The offered QoS among a channel's remarks."""
-    (size,) = struct.unpack_from("<I", data, place)
-    end = place + 4 + size
-    place += 4
-    while place < end:
-        key, place = _text(data, place)
-        value, place = _text(data, place)
-        if key == _PROFILE:
-            return value
-    return ""

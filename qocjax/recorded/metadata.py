@@ -12,8 +12,8 @@ from qocjax._reading import decoding, read_text
 __all__ = ["METADATA", "Metadata", "profiles", "read_metadata"]
 
 METADATA = "metadata.yaml"
-_RELIABILITY = {"1": "reliable", "2": "best_effort"}
-_HISTORY = {"1": "keep_last", "2": "keep_all"}
+_RELIABILITY = {"0": "system_default", "1": "reliable", "2": "best_effort", "3": "unknown", "4": "best_available"}
+_HISTORY = {"0": "system_default", "1": "keep_last", "2": "keep_all", "3": "unknown"}
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ class SqliteFile:
                         self._findings.count(self.name, "damaged")
 
     def _placed(self) -> tuple[Path, str, Path | None]:
-        """The file, how to open it, and its log; where SQLite would repair it, a copy, so that nothing is written here."""
+        """The file, how to open it, and its log; a copy where SQLite would repair it, so that nothing is written."""
         beside = [self.path.with_name(self.path.name + end) for end in _BESIDE]
         beside = [each for each in beside if each.is_file() and each.stat().st_size]
         if not beside:
