@@ -42,9 +42,10 @@ def found(run: RecordedRun) -> dict[str, int]:
     return {each.cause: each.count for each in run.findings}
 
 
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+@pytest.mark.parametrize(("step", "storage"), [
+    (259200.0, "sqlite3"), (3.0, "mcap"), (-3.0, "mcap"), (-0.4, "mcap"), (-86400.0, "mcap"), (-1.0, "sqlite3"),
+])  # fmt: skip
 @pytest.mark.parametrize("stamps_step", [True, False])
-@pytest.mark.parametrize("step", [259200.0, 3.0, -3.0, -0.4, -86400.0, -1.0])
 def test_a_step_is_found_and_taken_out(step: float, stamps_step: bool, storage: str, tmp_path: Path) -> None:
     run = read(write_bag(tmp_path / "bag", drive(step, stamps_step=stamps_step), storage))
     assert found(run) == {"clock_set": 1}, run.findings.notes

@@ -101,7 +101,7 @@ def write(truth: Truth, messages: list[Message], folder: Path) -> Path:
     if layout in ("db3", "mcap"):
         return write_bag(name, messages, "sqlite3" if layout == "db3" else "mcap")
     if layout.endswith("_splits") or layout in ("db3_zstd", "mcap_zstd"):
-        size = max(len(messages) // 11, 1)
+        size = max(len(messages) // 3, 1)
         parts = [messages[k : k + size] for k in range(0, len(messages), size)]
         split_bag(name, parts, "sqlite3" if layout.startswith("db3") else "mcap")
         for file in storage_files(name) if layout.endswith("_zstd") else ():
