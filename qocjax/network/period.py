@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["SEND_TIMES", "epoch_unit", "header_unit", "is_send_time", "period_of"]
 
@@ -45,28 +45,23 @@ def epoch_unit(stamps: ArrayLike) -> str | None:
     return next((unit for unit, least in _EPOCH.items() if least <= usual < 6.0 * least), None)
 
 
-def period_of(stamps: Sequence[float | None], numbers: Sequence[float] | None = None) -> float | None:
+def period_of(stamps: NDArray[np.float64], numbers: Sequence[float] | None = None) -> float | None:
     """The usual time between two loops, in the unit of the stamps, rounded.
 
     It is the median of the intervals in the order of the rows, each divided by the numbers that it spans where there
     are numbers. Where messages go out in bursts, or stamps are coarser than intervals, it is their mean without gaps.
 
     Args:
-        stamps: [n] send times; None or NaN where one is missing.
+        stamps: [n] send times, NaN where one is missing.
         numbers: [n] counts of loops; None where rows have none.
 
     Returns:
         None where fewer than two stamps increase.
     """
-    if not stamps:
-        return None
-    origin = next((each for each in stamps if each is not None and np.isfinite(each)), 0)
-    times = np.array([np.nan if each is None or each != each else float(each - origin) for each in stamps])
-    known = np.flatnonzero(np.isfinite(times))
-    interval = np.diff(times[known])
+    known = np.flatnonzero(np.isfinite(stamps))
+    interval = np.diff(stamps[known])
     if numbers is not None:
-        first = numbers[0]
-        passed = np.diff(np.array([float(each - first) for each in numbers])[known])
+        passed = np.diff(np.asarray(numbers, np.float64)[known])
         interval = interval[passed > 0.0] / passed[passed > 0.0]
     interval = interval[interval >= 0.0]
     if not interval.size or not interval.max() > 0.0:

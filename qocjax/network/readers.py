@@ -8,10 +8,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from numpy.typing import NDArray
 
 from qocjax._reading import read_text
 from qocjax.network.columns import UNITS, Columns, read_columns
 from qocjax.network.empirical import Empirical, QuantileTable
+from qocjax.network.numbering import Numbering, number_loops
 from qocjax.network.period import SEND_TIMES, epoch_unit, header_unit, is_send_time, period_of
 from qocjax.network.trace import Trace
 
@@ -74,49 +76,53 @@ def read_trace(
     if gaps_are_lost and sequence is None:
         raise ValueError("gaps_are_lost: got True without a sequence column, expected its name in `sequence`")
     wanted = dict.fromkeys(each for each in (column, sequence, stamp) if each is not None)
-    look = is_send_time if period is None and stamp is None else None
-    table = read_columns(path, list(wanted), separator, look)
+    table = read_columns(path, list(wanted), separator, is_send_time if stamp is None else None)
     delays = table.delays(column, unit)
-    origin = "given"
-    if period is None:
-        period, origin = _measured_period(table, column, sequence, stamp, stamp_unit)
+    times = _send_times(table, column, stamp, stamp_unit)
+    order, loops = np.arange(len(delays)), None
     if sequence is not None:
-        delays = _in_order(table, sequence, delays, gaps_are_lost)
+        delays, order, loops = _in_order(table, sequence, delays, None if times is None else times[1], gaps_are_lost)
+    origin = "given" if period is not None else ""
+    if period is None and times is not None:
+        name_of, values = times
+        period = period_of(values[order], loops)
+        origin = f"column {name_of!r}"
+    if period is None:
+        warnings.warn(
+            f"{path}: nothing tells how often loops were measured, a row is taken for each sampling period; expected "
+            "period (s), or the name of a column of send times as stamp",
+            stacklevel=2,
+        )
+        origin = ""
     return Trace(delays, name or Path(path).stem, period, str(path), origin)
 
 
-def _measured_period(
-    table: Columns, column: str, sequence: str | None, stamp: str | None, unit: str | None
-) -> tuple[float | None, str]:
-    """The period that a column of send times tells, and which that is; warns where there is none."""
+def _send_times(
+    table: Columns, column: str, stamp: str | None, unit: str | None
+) -> tuple[str, NDArray[np.float64]] | None:
+    """The column of send times and its values in s since the first, NaN for none; None where the table has none.
+
+    Raises:
+        ValueError: The unit of the one that was asked for is not known.
+    """
     named = [stamp] if stamp is not None else sorted(filter(is_send_time, set(table.texts) - {column}), key=_preference)
     for name in named:
         values = table.optional_numbers(name)
-        values = sorted(values) if name == sequence else values  # type: ignore[type-var]
+        first = next((each for each in values if each is not None), None)
+        if first is None:
+            continue
         own = unit or header_unit(name)[1] or epoch_unit([np.nan if v is None else v for v in values])
         own = own or ("s" if name == "source_stamp" else None)
-        if stamp is not None and own not in UNITS:
+        if own in UNITS:
+            return name, np.array([np.nan if v is None else (v - first) / UNITS[own] for v in values])
+        if stamp is not None:
             raise ValueError(f"stamp_unit: got {own!r} for column {name!r} of {table.path}, expected s, ms, us or ns")
-        numbers = None if sequence in (None, name) else table.numbers(sequence)
-        found = period_of(values, numbers if numbers is None or _counts(numbers) else None)
-        if found is not None and own is not None:
-            return found / UNITS[own], f"column {name!r}"
-    warnings.warn(
-        f"{table.path}: nothing tells how often loops were measured, a row is taken for each sampling period; expected "
-        "period (s), or the name of a column of send times as stamp",
-        stacklevel=3,
-    )
-    return None, ""
+    return None
 
 
 def _preference(name: str) -> int:
     plain = header_unit(name)[0].lower()
     return SEND_TIMES.index(plain) if plain in SEND_TIMES else len(SEND_TIMES)
-
-
-def _counts(numbers: list[float]) -> bool:
-    """Whether numbers count loops: they rise by one at most places."""
-    return float(np.mean(np.diff(np.array([float(each - numbers[0]) for each in numbers])) == 1.0)) > 0.5
 
 
 def read_histogram(path: str | Path) -> QuantileTable:
@@ -176,22 +182,43 @@ def _count(path: Path, k: int, text: str) -> int:
     return int(text)
 
 
-def _in_order(table: Columns, sequence: str, delays: list[float], gaps_are_lost: bool) -> list[float]:
-    """Delays by increasing sequence number, one each."""
+def _in_order(
+    table: Columns, sequence: str, delays: list[float], times: NDArray[np.float64] | None, gaps_are_lost: bool
+) -> tuple[list[float], NDArray[np.intp], list[float] | None]:
+    """Delays in the order of loops, one each; rows in that order; and their numbers if they count loops.
+
+    What begins anew or wraps goes on.
+    """
     numbers = table.numbers(sequence)
-    smallest: dict[float, float] = {}
-    for row in sorted(range(len(numbers)), key=numbers.__getitem__):
-        smallest[numbers[row]] = min(delays[row], smallest.get(numbers[row], math.inf))
-    if repeated := len(numbers) - len(smallest):
-        text = f"{table.path}: {repeated} rows repeat a number of {sequence!r}; of each the smallest delay counts"
-        warnings.warn(text, stacklevel=3)
-    return _fill_gaps(table, sequence, smallest) if gaps_are_lost else list(smallest.values())
+    stamps = times if times is not None and np.isfinite(times).all() else None
+    found = number_loops(numbers, stamps, None if stamps is None else np.array(delays))
+    loops: list[dict[float, float]] = [{} for _ in range(found.restarts + 1)]
+    for row in found.order.tolist():
+        number, loop = float(found.number[row]), loops[found.session[row]]
+        loop[number] = min(delays[row], loop.get(number, math.inf))
+    _tell(table, sequence, len(numbers) - sum(map(len, loops)), found)
+    if gaps_are_lost:
+        ordered = [delay for loop in loops for delay in _fill_gaps(table, sequence, loop, min(numbers))]
+    else:
+        ordered = [delay for loop in loops for delay in loop.values()]
+    counted = found.number[found.order]
+    return ordered, found.order, counted.tolist() if np.mean(np.diff(counted) == 1.0) > 0.5 else None
 
 
-def _fill_gaps(table: Columns, sequence: str, delays: dict[float, float]) -> list[float]:
+def _tell(table: Columns, sequence: str, repeated: int, found: Numbering) -> None:
+    """Warns of what was found in the numbering."""
+    if repeated:
+        text = f"{repeated} rows repeat a number of {sequence!r}; of each the smallest delay counts"
+        warnings.warn(f"{table.path}: {text}", stacklevel=4)
+    if found.restarts or found.wraps:
+        text = f"{sequence!r} begins anew {found.restarts} times and wraps {found.wraps} times; the rows' order counts"
+        warnings.warn(f"{table.path}: {text}", stacklevel=4)
+
+
+def _fill_gaps(table: Columns, sequence: str, delays: dict[float, float], low: float) -> list[float]:
     """Delays by sequence number, with the missing numbers as lost loops."""
     numbers = list(delays)
-    if any(number != math.floor(number) for number in numbers):
+    if low != math.floor(low) or any(number != math.floor(number) for number in numbers):
         raise ValueError(f"{table.path}: column {sequence!r} has fractions, expected whole numbers where gaps are lost")
     span = int(numbers[-1] - numbers[0]) + 1
     if span > _MOST_GAPS * len(numbers):

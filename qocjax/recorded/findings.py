@@ -17,6 +17,7 @@ CAUSES = {
     "duplicates": "repeated messages or rows; the first answer counts",
     "unordered": "messages or rows out of order; sorted",
     "restarts": "places where the numbering or the clock begins anew; clocks are taken up anew there",
+    "wraps": "places where a counter of 8, 16 or 32 bits wraps; it counts on",
     "gaps": "intervals much longer than the usual one; poses are interpolated, a command stays in force",
     "jumps": "moves faster than any robot; kept",
     "outlier_commands": "commands beyond what any robot can do; left out of their statistics",

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from qocjax.network.numbering import number_loops
 from qocjax.recorded.clocks import Clock, steps, two_way_clock
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.series import Cleaning
@@ -69,7 +70,7 @@ def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cle
             "source_stamp": ordered.uplink_send + shift, "uplink": ordered.edge_receive - ordered.uplink_send,
             "downlink": ordered.downlink_receive - ordered.edge_send,
         }))  # fmt: skip
-        table = _numbered(table, ordered, next_number, where, rules, findings)
+        table = _numbered(table, session, ordered.numbered, next_number, where, rules, findings)
         table["source_stamp"] += shift
         next_number = int(table["sequence"].iloc[-1]) + 1
         every = table["source_stamp"].diff()
@@ -91,35 +92,31 @@ def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cle
 
 
 def _in_order(part: Stamps, where: str, findings: Findings) -> tuple[Stamps, NDArray[np.int64]]:
-    """Sorted, each loop once; and how often the numbering has begun anew before each loop."""
+    """Sorted, each loop once, numbers that never begin anew; and how often the numbering has begun anew before each."""
     keep = np.isfinite(part.sequence) & np.isfinite(part.uplink_send)
     findings.count(where, "no_source_stamp", int((~keep).sum()))
-    part = _take(part, np.flatnonzero(keep))
-    backwards = int((np.diff(part.sequence) < 0).sum())
-    unique = np.unique(part.sequence).size == part.sequence.size
-    order = np.argsort(part.sequence if unique else part.uplink_send, kind="stable")
-    part = _take(part, order)
-    restart = _restarts(part.sequence)
-    session = np.append(0, np.cumsum(restart))[: part.sequence.size]
-    findings.count(where, "unordered", max(backwards - int(restart.sum()), 0))
-    findings.count(where, "restarts", int(restart.sum()))
-    findings.count(where, "stamps_back", int((np.diff(part.uplink_send) < 0).sum()))
+    part = _take(replace(part, counted=part.sequence), np.flatnonzero(keep))
+    if not part.sequence.size:
+        return part, np.empty(0, np.int64)
+    found = number_loops(part.sequence.tolist(), part.uplink_send, part.downlink_receive)
+    part = replace(part, counted=found.number)
+    findings.count(where, "unordered", found.late)
+    findings.count(where, "restarts", found.restarts)
+    findings.count(where, "wraps", found.wraps)
     answer = np.nan_to_num(part.downlink_receive, nan=np.inf)
-    first = np.lexsort((answer, part.sequence, session))
-    _, once = np.unique(np.column_stack([session, part.sequence])[first], axis=0, return_index=True)
+    first = np.lexsort((answer, found.number, found.session))
+    _, once = np.unique(np.column_stack([found.session, found.number])[first], axis=0, return_index=True)
     findings.count(where, "duplicates", part.sequence.size - once.size)
-    kept = np.sort(first[once])
-    return _take(part, kept), session[kept]
-
-
-def _restarts(sequence: Array) -> NDArray[np.bool_]:
-    """Where numbers go back and go on from there; one that goes back alone is an old one come again."""
-    before, after = sequence[:-1], np.append(sequence[2:], -np.inf)
-    return (sequence[1:] < before) & (after[: before.size] <= before)
+    kept = np.isin(found.order, first[once])
+    rows = found.order[kept]
+    part, session = _take(part, rows), found.session[rows]
+    same = np.diff(session) == 0
+    findings.count(where, "stamps_back", int((np.diff(part.uplink_send)[same] < 0).sum()))
+    return part, session
 
 
 def _take(part: Stamps, rows: NDArray[np.intp]) -> Stamps:
-    names = ("sequence", "uplink_send", "edge_receive", "edge_send", "downlink_receive")
+    names = ("sequence", "counted", "uplink_send", "edge_receive", "edge_send", "downlink_receive")
     return replace(part, **{name: getattr(part, name)[rows] for name in names})
 
 
@@ -134,7 +131,8 @@ def _times(part: Stamps, where: str, findings: Findings) -> pd.DataFrame:
     longer = compute > np.where(wrong, np.inf, loop)
     findings.count(where, "negative_network", int(longer.sum()))
     return pd.DataFrame({
-        "number": part.sequence, "source_stamp": part.uplink_send, "compute": np.where(longer, np.nan, compute),
+        "number": part.sequence, "counted": part.counted,
+        "source_stamp": part.uplink_send, "compute": np.where(longer, np.nan, compute),
         "loop_time": np.where(lost, np.inf, np.where(wrong, np.nan, loop)), "lost": lost,
     })  # fmt: skip
 
@@ -182,15 +180,16 @@ def _correct(
 
 
 def _numbered(
-    table: pd.DataFrame, part: Stamps, first: int, where: str, rules: ClockRules, findings: Findings
-) -> pd.DataFrame:
+    table: pd.DataFrame, session: NDArray[np.int64], numbered: bool, first: int, where: str, rules: ClockRules,
+    findings: Findings,
+) -> pd.DataFrame:  # fmt: skip
     """Gives each loop a number that never begins anew, and enters missing ones as lost where that is wanted."""
-    number, session = table["number"].to_numpy(), np.append(0, np.cumsum(np.diff(table["number"]) < 0))
+    number = table["counted"].to_numpy()
     ahead = np.diff(number, prepend=number[0])
     ahead[np.diff(session, prepend=0) > 0] = 1.0
     missing = int(np.maximum(ahead - 1.0, 0.0).sum())
     whole = bool((number == np.floor(number)).all())
-    findings.count(where, "missing_numbers", missing if part.numbered and whole else 0)
+    findings.count(where, "missing_numbers", missing if numbered and whole else 0)
     table["sequence"] = first + (np.cumsum(ahead).astype(int) if whole else np.arange(len(table)))
     if rules.missing_are_lost and missing and whole:
         if missing > 100 * len(table):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from qocjax._reading import read_text
 from qocjax.network.columns import UNITS, read_columns
+from qocjax.network.numbering import number_loops
 from qocjax.recorded.findings import Findings
 
 __all__ = ["TABLES", "Stamps", "StampsFormat", "columns_of", "read_stamps"]
@@ -54,6 +55,7 @@ class Stamps:
     epoch: float = 0.0  # s
     has_edge: bool = True
     numbered: bool = True  # whether the table has numbers of its own
+    counted: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))  # [n] numbers that never begin anew
 
 
 def read_stamps(path: Path, layout: StampsFormat, edge: Path | None, findings: Findings) -> list[Stamps]:
@@ -190,12 +192,37 @@ def _join(table: dict[str, list], path: Path, edge: Path, layout: StampsFormat, 
         raise ValueError("stamps.edge_columns: expected names for sequence, edge receive and edge send with edge_files")
     number, receive, send = layout.edge_columns
     there = _columns(edge, [number, receive, send], [], layout)
+    keys, own = _keys(there[number], table[layout.sequence], edge, path)
     stamps: dict[Any, tuple[Any, Any]] = {}
-    for key, *both in zip(there[number], there[receive], there[send], strict=True):
+    for key, *both in zip(keys, there[receive], there[send], strict=True):
         stamps.setdefault(key, (both[0], both[1]))
-    findings.count(edge.name, "duplicates", len(there[number]) - len(stamps))
-    unknown = len(stamps.keys() - set(table[layout.sequence]))
+    findings.count(edge.name, "duplicates", len(keys) - len(stamps))
+    unknown = len(stamps.keys() - set(own))
     if unknown:
         findings.note(f"{edge.name}: {unknown} numbers are not in {path.name}; left out")
-    found = [stamps.get(key, (None, None)) for key in table[layout.sequence]]
+    found = [stamps.get(key, (None, None)) for key in own]
     table[layout.edge_receive], table[layout.edge_send] = ([pair[k] for pair in found] for k in (0, 1))
+
+
+def _keys(there: list, here: list, edge: Path, path: Path) -> tuple[list, list]:
+    """What the rows of both tables are joined by: numbers, or what they mean where they begin anew or wrap."""
+    both = []
+    for column in (there, here):
+        rows = [k for k, each in enumerate(column) if _is_number(each)]
+        found = number_loops([column[k] for k in rows]) if rows else None
+        both.append((found, rows, min((column[k] for k in rows), default=0)))
+    (far, *_), (near, *_) = both
+    if near is None or far is None or not (near.restarts or near.wraps):
+        return there, here
+    if (far.restarts, far.wraps) != (near.restarts, near.wraps):
+        raise ValueError(
+            f"{edge}: its numbers begin anew {far.restarts} times and wrap {far.wraps} times, those of {path.name} "
+            f"{near.restarts} and {near.wraps} times, expected the same: the rows cannot be joined"
+        )
+    keys: list[list] = []
+    for (found, rows, low), column in zip(both, (there, here), strict=True):
+        own: list = [None] * len(column)
+        for k, row in enumerate(rows):
+            own[row] = (int(found.session[k]), low + float(found.number[k]))  # type: ignore[union-attr]
+        keys.append(own)
+    return keys[0], keys[1]
