@@ -92,7 +92,7 @@ def read_text(path: str | Path) -> str:
 
 
 @contextmanager
-def decoding(path: str | Path, what: str) -> Iterator[None]:
+def decoding(path: str | Path, what: str, *, let: type[Exception] | tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Turns whatever is raised while a file is decoded into one line that begins with the file.
 
     What already begins so passes, as do warnings, a library that is not there, and what stops a program. Everything
@@ -101,6 +101,7 @@ def decoding(path: str | Path, what: str) -> Iterator[None]:
     Args:
         path: Of the file.
         what: That is expected, for the message, such as `an MCAP file`.
+        let: Exceptions that pass, for a caller that tells more of them.
 
     Raises:
         ValueError: Anything was raised.
@@ -108,6 +109,8 @@ def decoding(path: str | Path, what: str) -> Iterator[None]:
     try:
         yield
     except (Warning, ImportError):
+        raise
+    except let:
         raise
     except Exception as error:
         if isinstance(error, ValueError) and str(error).startswith(str(path)):

@@ -132,7 +132,7 @@ class StampsConfig(Part):
     downlink_receive: str
     robot: str | None
     session: str | None
-    unit: str
+    unit: str | None
     files: str
     edge_files: str | None
     edge_columns: list[str] | None

@@ -86,7 +86,7 @@ class SamplesDelay(Part):
     law: Literal["samples"]
     path: str
     column: str
-    unit: str
+    unit: str | None = None
     separator: str | None = None
 
     def build(self) -> Empirical:
@@ -183,7 +183,7 @@ class TraceConfig(Part):
     kind: Literal["trace"]
     path: str
     column: str
-    unit: str
+    unit: str | None = None
     sequence: str | None = None
     gaps_are_lost: bool = False
     separator: str | None = None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from qocjax import _checks
+from qocjax._reading import decoding, read_text
 from qocjax.navigation.grid import Grid
 from qocjax.navigation.maps import FREE, LETHAL, UNKNOWN, StaticMap
 
@@ -103,13 +104,10 @@ class _Values:
 
         self.path = path
         try:
-            text = path.read_text(encoding="utf-8")
-            root = yaml.compose(text, Loader=yaml.SafeLoader)
-            content = yaml.safe_load(text)
-        except OSError as error:
-            raise ValueError(f"{path}: {error.strerror or error}") from None
-        except UnicodeDecodeError:
-            raise ValueError(f"{path}: is no text in UTF-8, expected a map's YAML file") from None
+            text = read_text(path)
+            with decoding(path, "YAML", let=yaml.YAMLError):
+                root = yaml.compose(text, Loader=yaml.SafeLoader)
+                content = yaml.safe_load(text)
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             where = f"{path}, line {mark.line + 1}" if mark else str(path)
@@ -159,4 +157,5 @@ class _Values:
 
     def mode(self) -> str:
         value = self.content.get("mode", "trinary")
+        value = value.lower() if isinstance(value, str) else value  # as Nav2's map server does
         return _checks.choice(self.at("mode"), value, _MODES) if "mode" in self.content else value

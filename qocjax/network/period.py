@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["SEND_TIMES", "epoch_unit", "header_unit", "is_send_time", "period_of"]
+from qocjax.network.columns import header_unit
+
+__all__ = ["SEND_TIMES", "epoch_unit", "is_send_time", "period_of", "unlikely"]
 
 SEND_TIMES = (
     "source_stamp", "uplink_send", "send_timestamp", "send_stamp", "send_time", "sent_time", "sent", "send", "t_send",
@@ -18,16 +19,9 @@ SEND_TIMES = (
 
 _EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}  # 2001; a time since 1970 lies within six times that
 _LONG = 10.0  # times the interval that nine of ten keep within; a longer one is a gap
+_QUICKEST = 1e-5  # s, of a loop through any network
+_ENOUGH = 10  # loops to say something of their unit
 _BURSTY = 1.5  # mean over median of the intervals, or its inverse; beyond, messages go out in bursts
-
-
-def header_unit(name: str) -> tuple[str, str | None]:
-    """Splits `pub_time(ms)`, `delay [us]` or `rtt_ms` into the name and its unit, None where it has none."""
-    found = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*(s|sec|ms|msec|us|usec|µs|ns|nsec)\s*[)\]]|[_.](ms|us|ns))", name.strip())
-    if found is None or not found[1]:
-        return name.strip(), None
-    unit = (found[2] or found[3]).replace("µ", "u")
-    return found[1], unit.removesuffix("ec") if unit != "sec" else "s"
 
 
 def is_send_time(name: str) -> bool:
@@ -70,6 +64,22 @@ def period_of(stamps: NDArray[np.float64], numbers: Sequence[float] | None = Non
     mean = float(interval[interval <= _LONG * max(np.quantile(interval, 0.9, method="lower"), median)].mean())
     usual = median if mean < _BURSTY * median and median < _BURSTY * mean else mean
     return _rounded(usual if usual > 0.0 else float(interval.mean()))
+
+
+def unlikely(delays: ArrayLike, span: float | None) -> str | None:
+    """What in loop times contradicts their unit; None where nothing does.
+
+    Args:
+        delays: [n] s, infinite where lost.
+        span: How long the recording is (s); None where unknown.
+    """
+    values = np.asarray(delays, np.float64)
+    usual = float(np.median(values[np.isfinite(values)])) if values.size >= _ENOUGH else np.nan
+    if usual < _QUICKEST:
+        return f"half of the loops take less than {1e6 * usual:.3g} us, which no network does: look at the unit"
+    if span is not None and usual > span:
+        return f"half of the loops take more than {usual:.4g} s in a recording of {span:.4g} s: look at the unit"
+    return None
 
 
 def _rounded(value: float) -> float:

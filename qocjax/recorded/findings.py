@@ -14,6 +14,7 @@ CAUSES = {
     "not_finite": "poses or commands with a NaN or an infinity; left out",
     "no_stamp": "messages without a header stamp; they count at their record time",
     "no_source_stamp": "rows without sequence number or uplink send stamp; left out",
+    "zero_stamps": "receive stamps of 0, as OWAMP marks what was lost; lost",
     "duplicates": "repeated messages or rows; the first answer counts",
     "unordered": "messages or rows out of order; sorted",
     "restarts": "places where the numbering or the clock begins anew; clocks are taken up anew there",

@@ -11,7 +11,7 @@ import pandas as pd
 from qocjax.recorded.bags import is_bag
 from qocjax.recorded.patterns import filled, matched
 from qocjax.recorded.run import RunFiles
-from qocjax.recorded.stamps import TABLES, StampsFormat, columns_of
+from qocjax.recorded.stamps import TABLES, StampsFormat, columns_of, is_table
 
 __all__ = ["Labels", "find_runs"]
 
@@ -73,7 +73,7 @@ def find_runs(path: Path, stamps: StampsFormat) -> list[RunFiles]:
     if not path.exists():
         raise ValueError(f"path: got {path}, which is not there, expected a bag, a table or a folder of them")
     if path.is_file():
-        if path.suffix in TABLES:
+        if is_table(path):
             return _in_folder(path.parent, path.parent, stamps, [path])
         if not is_bag(path) and path.suffix != ".bag":  # of those, what opens bags knows what to say
             raise ValueError(f"path: got {path}, expected a bag (.db3, .mcap) or a table ({', '.join(TABLES)})")
@@ -91,7 +91,7 @@ def find_runs(path: Path, stamps: StampsFormat) -> list[RunFiles]:
 def _in_folder(root: Path, folder: Path, layout: StampsFormat, only: list[Path] | None = None) -> list[RunFiles]:
     """Runs directly in a folder."""
     name = folder.relative_to(root).as_posix() if folder != root else folder.resolve().name
-    tables = only or sorted(file for file in folder.iterdir() if file.is_file() and file.suffix in TABLES)
+    tables = only or sorted(file for file in folder.iterdir() if file.is_file() and is_table(file))
     poses = [file for file in tables if file.suffix != ".json" and set(columns_of(file, layout)) >= _POSES]
     stamps = _pairs([file for file in tables if file not in poses], layout, chosen=only is not None)
     if only is None and is_bag(folder):

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from qocjax.network.numbering import number_loops
+from qocjax.network.period import unlikely
 from qocjax.recorded.clocks import Clock, steps, two_way_clock
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.series import Cleaning
@@ -81,6 +82,9 @@ def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cle
     whole = pd.concat(tables, ignore_index=True)
     if whole["lost"].all():
         raise ValueError(f"{where}: all {len(whole)} loops are lost, expected at least one that came back")
+    span = float(np.ptp(whole["source_stamp"]))
+    if (doubt := unlikely(whole["loop_time"].to_numpy(), span)) is not None:
+        findings.note(f"{where}: {doubt}")
     first = float(whole["source_stamp"].iloc[0])
     whole["source_stamp"] -= first
     seen = pd.concat(apparent, ignore_index=True)

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from qocjax.network.completion import completes
 from qocjax.quality import QocScale, qoc
@@ -15,7 +16,7 @@ from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
 from qocjax.study.statistics import estimate
 
-__all__ = ["findings_table", "group_table", "reliability_table", "robot_table", "run_table", "scale_of"]
+__all__ = ["findings_table", "group_table", "percentile", "reliability_table", "robot_table", "run_table", "scale_of"]
 
 PERCENTILES = (50, 95, 99)
 
@@ -105,6 +106,11 @@ def reliability_table(trace: LoopTrace, deadlines_ms: Sequence[float]) -> pd.Dat
     return pd.DataFrame(rows)
 
 
+def percentile(values: ArrayLike, level: float) -> float:
+    """The smallest value that a share of the values (%) does not exceed, as F(Δ) has it; `advise` means the same."""
+    return float(np.percentile(np.asarray(values, np.float64), level, method="inverted_cdf"))
+
+
 def _longest(flags: np.ndarray) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(int), [0]))))
     return int((edges[1::2] - edges[::2]).max(initial=0))
@@ -149,7 +155,7 @@ def _loops(traces: Sequence[LoopTrace]) -> dict:
     for name, column in (("loop", "loop_time"), ("uplink", "uplink"), ("compute", "compute"), ("downlink", "downlink")):
         values = arrived[column].dropna()
         if len(values):
-            row |= {f"{name}_p{p}": np.percentile(values, p) for p in PERCENTILES}
+            row |= {f"{name}_p{p}": percentile(values, p) for p in PERCENTILES}
     clocks = [clock for trace in traces for clock in trace.clocks]
     if clocks:
         row["clock_stretches"] = len(clocks)
@@ -177,7 +183,7 @@ def _late(run: RecordedRun) -> dict:
     if not run.late:
         return {}
     every = np.concatenate(list(run.late.values()))
-    return {f"pose_late_p{p}": np.percentile(every, p) for p in PERCENTILES}
+    return {f"pose_late_p{p}": percentile(every, p) for p in PERCENTILES}
 
 
 def _qos(run: RecordedRun) -> str:

@@ -8,7 +8,7 @@ from qocjax.recorded.commands import CommandReport
 from qocjax.recorded.judge import Quality
 from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
-from qocjax.recorded.tables import PERCENTILES
+from qocjax.recorded.tables import PERCENTILES, percentile
 
 __all__ = ["run_lines"]
 
@@ -28,7 +28,7 @@ def run_lines(run: RecordedRun, qoc: float | None) -> list[str]:
     for robot, trace in run.loops.items():
         lines += _loop_lines(robot, trace)
     for topic, late in run.late.items():
-        median, most = 1e3 * np.percentile(late, (50, 99))
+        median, most = (1e3 * percentile(late, p) for p in (50, 99))
         lines.append(f"  {topic}: {median:.3g} ms (99 %: {most:.3g} ms) later than its quickest")
     lines += [_command_line(robot, report) for robot, report in run.commands.items()]
     lines += [f"  offered QoS of {topic}: {words or 'not recorded'}" for topic, words in run.qos.items()]
@@ -53,7 +53,7 @@ def _loop_lines(robot: str, trace: LoopTrace) -> list[str]:
     for name in _PARTS:
         values = table.loc[~table["lost"], name].dropna()
         if len(values):
-            numbers = "/".join(f"{1e3 * v:.4g}" for v in np.percentile(values, PERCENTILES))
+            numbers = "/".join(f"{1e3 * percentile(values, p):.4g}" for p in PERCENTILES)
             parts.append(f"{name.replace('_', ' ')} {numbers}")
     shares = "/".join(map(str, PERCENTILES))
     lines = [f"  {robot}: {len(table)} loops, {int(table['lost'].sum())} lost; ms at {shares} %: {', '.join(parts)}"]
