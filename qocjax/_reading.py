@@ -95,8 +95,9 @@ def read_text(path: str | Path) -> str:
 def decoding(path: str | Path, what: str, *, let: type[Exception] | tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Turns whatever is raised while a file is decoded into one line that begins with the file.
 
-    What already begins so passes, as do warnings, a library that is not there, and what stops a program. Everything
-    else is damage: integers too large for a float, data nested too deep, sizes beyond the memory, broken packing.
+    What already names the file passes, as do warnings, a library that is not there, and what stops a program.
+    Everything else is damage: integers too large for a float, data nested too deep, sizes beyond the memory, broken
+    packing.
 
     Args:
         path: Of the file.
@@ -113,7 +114,7 @@ def decoding(path: str | Path, what: str, *, let: type[Exception] | tuple[type[E
     except let:
         raise
     except Exception as error:
-        if isinstance(error, ValueError) and str(error).startswith(str(path)):
+        if isinstance(error, ValueError) and str(path) in str(error):
             raise
         raise ValueError(f"{path}: cannot be read as {what}: {told(error)}") from None
 

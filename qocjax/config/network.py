@@ -25,6 +25,8 @@ from qocjax.network import (
     read_trace,
 )
 from qocjax.network.dds import DdsNetwork, Profile, Topic
+from qocjax.recorded.as_trace import read_file, trace_of
+from qocjax.recorded.run import RecordedRun
 
 __all__ = ["NetworkConfig"]
 
@@ -182,7 +184,7 @@ class TraceConfig(Part):
 
     kind: Literal["trace"]
     path: str
-    column: str
+    column: str | None = None
     unit: str | None = None
     sequence: str | None = None
     gaps_are_lost: bool = False
@@ -193,7 +195,12 @@ class TraceConfig(Part):
     faster_than_measured: bool = False  # whether `SimulationConfig.check_rate` lets it pass
 
     def build(self) -> Trace:
-        """The network."""
+        """The network; without a column, what is in the file."""
+        if self.column is None:
+            given = [name for name in ("sequence", "separator", "stamp") if getattr(self, name) is not None]
+            if given:
+                raise ValueError(f"network.column: got nothing with {given[0]}, expected the name of the loop times'")
+            return trace_of(self.read(), self.path, self.period)
         return read_trace(
             self.path,
             self.column,
@@ -205,6 +212,10 @@ class TraceConfig(Part):
             stamp=self.stamp,
             stamp_unit=self.stamp_unit,
         )
+
+    def read(self) -> RecordedRun:
+        """What is in the file."""
+        return read_file(self.path, self.unit, self.gaps_are_lost)
 
 
 class ProfileConfig(Part):

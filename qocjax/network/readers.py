@@ -15,7 +15,7 @@ from qocjax.network.numbering import Numbering, number_loops
 from qocjax.network.period import SEND_TIMES, epoch_unit, is_send_time, period_of, unlikely
 from qocjax.network.trace import Trace
 
-__all__ = ["read_samples", "read_trace"]
+__all__ = ["read_samples", "read_trace", "send_times"]
 
 _MOST_GAPS = 100  # numbers per row of a sequence; above, it does not count loops
 
@@ -78,7 +78,7 @@ def read_trace(
     column = table.own_name(column)
     sequence, stamp = (None if each is None else table.own_name(each) for each in (sequence, stamp))
     delays = table.delays(column, unit)
-    times = _send_times(table, column, stamp, stamp_unit)
+    times = send_times(table, column, stamp, stamp_unit)
     order, loops = np.arange(len(delays)), None
     if sequence is not None:
         delays, order, loops = _in_order(table, sequence, delays, None if times is None else times[1], gaps_are_lost)
@@ -99,7 +99,7 @@ def read_trace(
     return Trace(delays, name or Path(path).stem, period, str(path), origin)
 
 
-def _send_times(
+def send_times(
     table: Columns, column: str, stamp: str | None, unit: str | None
 ) -> tuple[str, NDArray[np.float64]] | None:
     """The column of send times and its values in s since the first, NaN for none; None where the table has none.

@@ -15,6 +15,7 @@ CAUSES = {
     "no_stamp": "messages without a header stamp; they count at their record time",
     "no_source_stamp": "rows without sequence number or uplink send stamp; left out",
     "zero_stamps": "receive stamps of 0, as OWAMP marks what was lost; lost",
+    "contradictions": "lines that the log's own summary contradicts; the lines count",
     "duplicates": "repeated messages or rows; the first answer counts",
     "unordered": "messages or rows out of order; sorted",
     "restarts": "places where the numbering or the clock begins anew; clocks are taken up anew there",

@@ -46,12 +46,23 @@ class LoopTrace:
     apparent: pd.DataFrame  # source_stamp, uplink, downlink (s) before correction
 
 
-def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings) -> LoopTrace:
+def loop_trace(
+    parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings,
+    period: float | None = None,
+) -> LoopTrace:  # fmt: skip
     """Makes one robot's trace of its sessions.
 
     T_net = downlink receive - uplink send and T_C = edge send - edge receive need one clock each. T_UL and T_DL need
     the offset between both, which is estimated for each session and each stretch between steps of a clock; where it
     cannot be known they are left out, and the rest stays.
+
+    Args:
+        parts: The stamps of each session.
+        where: For the findings.
+        rules: How the clocks are related.
+        cleaning: What counts as a gap.
+        findings: Takes the counts.
+        period: Of loops without send times (s), as their log says; None where it does not.
 
     Raises:
         ValueError: No loop is left, or none of them came back.
@@ -74,7 +85,7 @@ def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cle
         table = _numbered(table, session, ordered.numbered, next_number, where, rules, findings)
         table["source_stamp"] += shift
         next_number = int(table["sequence"].iloc[-1]) + 1
-        every = table["source_stamp"].diff()
+        every = table["source_stamp"].diff() if part.timed else pd.Series(dtype=float)
         findings.count(where, "gaps", int((every > max(cleaning.gap * every.median(), cleaning.least_gap)).sum()))
         tables.append(table)
     if not tables:
@@ -82,7 +93,9 @@ def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cle
     whole = pd.concat(tables, ignore_index=True)
     if whole["lost"].all():
         raise ValueError(f"{where}: all {len(whole)} loops are lost, expected at least one that came back")
-    span = float(np.ptp(whole["source_stamp"]))
+    if not parts[0].timed:  # an even period, or none
+        whole["source_stamp"] = np.nan if period is None else whole["sequence"] * period
+    span = None if whole["source_stamp"].isna().all() else float(np.ptp(whole["source_stamp"]))
     if (doubt := unlikely(whole["loop_time"].to_numpy(), span)) is not None:
         findings.note(f"{where}: {doubt}")
     first = float(whole["source_stamp"].iloc[0])
@@ -102,7 +115,8 @@ def _in_order(part: Stamps, where: str, findings: Findings) -> tuple[Stamps, NDA
     part = _take(replace(part, counted=part.sequence), np.flatnonzero(keep))
     if not part.sequence.size:
         return part, np.empty(0, np.int64)
-    found = number_loops(part.sequence.tolist(), part.uplink_send, part.downlink_receive)
+    times = (part.uplink_send, part.downlink_receive) if part.timed else ()
+    found = number_loops(part.sequence.tolist(), *times)
     part = replace(part, counted=found.number)
     findings.count(where, "unordered", found.late)
     findings.count(where, "restarts", found.restarts)
@@ -114,7 +128,7 @@ def _in_order(part: Stamps, where: str, findings: Findings) -> tuple[Stamps, NDA
     kept = np.isin(found.order, first[once])
     rows = found.order[kept]
     part, session = _take(part, rows), found.session[rows]
-    same = np.diff(session) == 0
+    same = (np.diff(session) == 0) & part.timed
     findings.count(where, "stamps_back", int((np.diff(part.uplink_send)[same] < 0).sum()))
     return part, session
 

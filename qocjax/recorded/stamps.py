@@ -55,6 +55,7 @@ class Stamps:
     epoch: float = 0.0  # s
     has_edge: bool = True
     numbered: bool = True  # whether the table has numbers of its own
+    timed: bool = True  # whether the send stamps are times; else they only order the loops
     counted: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))  # [n] numbers that never begin anew
 
 
@@ -112,7 +113,7 @@ def _part(
     send = table[layout.uplink_send]
     first = next((send[k] for k in rows if _is_number(send[k])), 0)
     epoch = math.floor(first / scales[layout.uplink_send])
-    parts = {}
+    parts: dict[str, Any] = {}
     for each, column in values.items():
         scale = scales.get(str(getattr(layout, each)), 1.0)
         origin = epoch * int(scale)

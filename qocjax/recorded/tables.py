@@ -16,7 +16,16 @@ from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
 from qocjax.study.statistics import estimate
 
-__all__ = ["findings_table", "group_table", "percentile", "reliability_table", "robot_table", "run_table", "scale_of"]
+__all__ = [
+    "findings_table",
+    "group_table",
+    "loop_row",
+    "percentile",
+    "reliability_table",
+    "robot_table",
+    "run_table",
+    "scale_of",
+]
 
 PERCENTILES = (50, 95, 99)
 
@@ -35,8 +44,9 @@ def run_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: QocSc
     rows = []
     for run, label in zip(runs, labels, strict=True):
         rows.append({
-            "run": run.name, **label, "begins": _iso(run.begins), "recorded": run.duration, **_quality(run, scale),
-            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_late(run), "offered_qos": _qos(run),
+            "run": run.name, **label, "format": run.format, "begins": _iso(run.begins), "recorded": run.duration,
+            **_quality(run, scale), **loop_row([run.loops[name] for name in run.loops]), **_commands(run), **_late(run),
+            "offered_qos": _qos(run),
             **{f"found_{cause}": run.findings.total(cause) for cause in CAUSES},
             "notes": "; ".join(run.findings.notes),
         })  # fmt: skip
@@ -62,7 +72,7 @@ def robot_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: Qoc
             if robot in run.commands:
                 row |= {f"command_{name}": value for name, value in vars(run.commands[robot]).items()}
             if robot in run.loops:
-                row |= _loops([run.loops[robot]])
+                row |= loop_row([run.loops[robot]])
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -112,8 +122,13 @@ def percentile(values: ArrayLike, level: float) -> float:
 
 
 def _longest(flags: np.ndarray) -> int:
+    return int(_lengths(flags).max(initial=0))
+
+
+def _lengths(flags: np.ndarray) -> np.ndarray:
+    """Lengths of the runs of what is true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(int), [0]))))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return edges[1::2] - edges[::2]
 
 
 def _iso(epoch: float | None) -> str:
@@ -139,7 +154,7 @@ def _mean(values: np.ndarray) -> float:
     return float(defined.mean()) if defined.size else float("nan")
 
 
-def _loops(traces: Sequence[LoopTrace]) -> dict:
+def loop_row(traces: Sequence[LoopTrace]) -> dict:
     """Loops of some robots together; delays in s."""
     if not traces:
         return {}
@@ -149,6 +164,7 @@ def _loops(traces: Sequence[LoopTrace]) -> dict:
         "loops": len(table), "lost": int(table["lost"].sum()), "lost_share": table["lost"].mean(),
         "lost_uplink": None if None in uplink else sum(n or 0 for n in uplink),
         "longest_lost_run": max(_longest(trace.table["lost"].to_numpy()) for trace in traces),
+        "lost_runs": sum(_lengths(trace.table["lost"].to_numpy()).size for trace in traces),
         "period": table.groupby("session")["source_stamp"].diff().median(),
     }  # fmt: skip
     arrived = table[~table["lost"]]
