@@ -25,6 +25,9 @@ from qocjax.config import conf_dir
 __all__ = ["command", "given_options", "output_dir", "printed_unit"]
 
 
+_LONGEST = 2000  # letters of an error
+
+
 def command(
     name: str, short: dict[str, tuple[str, str]] | None = None
 ) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
@@ -85,7 +88,7 @@ def _fail(error: Exception) -> NoReturn:
         text = f"{error.filename}: {error.strerror}"
     for lines, line in ((r":\s*\n\s*", ": "), (r"\.\s*\n\s*", ". "), (r"\s*\n\s*", ", ")):
         text = re.sub(lines, line, text)
-    print(f"error: {text}", file=sys.stderr)
+    print(f"error: {text if len(text) <= _LONGEST else text[:_LONGEST] + ' ...'}", file=sys.stderr)
     sys.exit(2)
 
 

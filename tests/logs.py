@@ -128,7 +128,7 @@ Publishing rate: 100
 Topic name: Array60k
 
 ---EXPERIMENT-START---
-T_experiment,	T_loop,	received,	sent,	lost,	relative_loss,	latency_min (ms),	latency_max (ms),	latency_mean (ms),
+T_experiment,T_loop,received,sent,lost,relative_loss,latency_min (ms),latency_max (ms),latency_mean (ms),
 2.000545,		1.000206,		98,		98,		0,		0.00,		3.1,		9.8,		4.2,
 3.000989,		1.000149,		0,		100,		100,		1.00,		inf,		-inf,		0,
 4.001462,		1.000155,		99,		99,		0,		0.00,		3.0,		9.6,		4.4,
@@ -190,10 +190,10 @@ LOGS = {
     "fping -C": Sample("fping.err", "10.0.0.2 : 20.5 - 22.25\n", [20.5, INF, 22.25], None, {}),
     "fping -J": Sample("fping.jsonl", FPING_JSON, [20.5, INF, 22.25], None, {}),
     "sockperf": Sample("log.csv", SOCKPERF, [0.09, 0.11, INF, 0.08, 0.1, 0.12], 0.01, {}),
-    "performance_test": Sample("log.csv", PERFORMANCE, [4.2, INF, 4.4], 1.0, {}, "bursts and F of single messages cannot"),
+    "performance_test": Sample("log.csv", PERFORMANCE, [4.2, INF, 4.4], 1.0, {}, "F of single messages cannot be had"),
     "iperf3": Sample("iperf3.json", _iperf3(), [], None, {}, "80 messages, 4 lost (5 %), jitter 0.125 ms"),
     "owping -R": Sample("raw.txt", _owping(), [], None, {}, "one-way delays", None, [20, 21, INF, 23]),
-    "owping -v": Sample("owping.txt", OWPING_TEXT, [], None, {}, "the clocks of 1 of 4 records", None, [20, 21.5, INF, 23]),
+    "owping -v": Sample("owping.txt", OWPING_TEXT, [], None, {}, "clocks of 1 of 4 records", None, [20, 21.5, INF, 23]),
     "DelayReplayer": Sample("cycle.csv", "5.602ms\n5.571ms\n6402us\n27.80ms\n", [5.602, 5.571, 6.402, 27.8], None, {}),
     "DelayReplayer with times": Sample(
         "timed.csv", "5.602ms,0ns\n5.571ms,10000000ns\n6.402ms,20000000ns\n27.80ms,30000000ns\n",
@@ -203,5 +203,5 @@ LOGS = {
     "CLEAVE": Sample("udpclient.plant.3.x.csv", CLEAVE, [4, 4, INF, 4, 4], 0.05, {}),
     "CICV5G": Sample("urban.txt", CICV, [20, 21, 22, 23, 24], 0.055, {}),
     "CARET": Sample("path.csv", CARET, [30, INF, 30, 30], 0.1, {}, "from /camera/rclcpp_publish_timestamp/0_max to"),
-    "loop times": Sample("loops.csv", "seq;rtt(ms)\n0;20,5\n1;NaN\n2;21,5\n", [20.5, INF, 21.5], None, {}, "from 'rtt(ms)'"),
+    "loop times": Sample("loops.csv", "seq;rtt(ms)\n0;20,5\n1;NaN\n2;21,5\n", [20.5, INF, 21.5], None, {}, "'rtt(ms)'"),
 }  # fmt: skip

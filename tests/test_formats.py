@@ -12,8 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 from logs import LOGS, Sample
 
+from qocjax._command import _expanded
+from qocjax.advise import run as advise
+from qocjax.config import conf_dir, load
+from qocjax.config.advise import AdviseConfig
 from qocjax.network import Trace, read_trace
 from qocjax.recorded import Rules, RunFiles, StampsFormat, TopicPatterns, find_runs, read_run
 from qocjax.recorded.as_trace import read_file, trace_of
@@ -160,7 +165,8 @@ def _odometry(n: int = 401) -> tuple[np.ndarray, np.ndarray]:
 
 def test_poses_of_plotjuggler(tmp_path: Path) -> None:
     time, x = _odometry()
-    head = "__time,/r1/odom/pose/pose/position/x,/r1/odom/pose/pose/position/y,/r1/odom/pose/pose/orientation/yaw,/battery\n"
+    pose = "/r1/odom/pose/pose"
+    head = f"__time,{pose}/position/x,{pose}/position/y,{pose}/orientation/yaw,/battery\n"
     rows = "".join(f"{t:.6f},{v},0.0,0.5,\n{t + 0.01:.6f},,,,12.5\n" for t, v in zip(time, x, strict=True))
     (tmp_path / "odom.csv").write_text(head + rows)
     table = read_poses(tmp_path / "odom.csv", PosesFormat(topics=("/{robot}/odom",)))
@@ -213,9 +219,30 @@ def test_what_is_no_single_log_says_so(tmp_path: Path) -> None:
         assert isinstance(trace_of(read_file(tmp_path / "rtt.csv", unit="ms"), "x", period=0.1), Trace)
 
 
-def test_one_command_reads_and_advises(tmp_path: Path) -> None:
+def _long_ping(folder: Path) -> Path:
     lines = [f"[{1.7e9 + 0.1 * k + 0.02:.6f}] 64 bytes from h: icmp_seq={k + 1} ttl=64 time=20.0 ms" for k in range(60)]
-    (tmp_path / "ping.txt").write_text("PING h (1.2.3.4) 56(84) bytes of data.\n" + "\n".join(lines) + "\n")
+    (folder / "ping.txt").write_text("PING h (1.2.3.4) 56(84) bytes of data.\n" + "\n".join(lines) + "\n")
+    return folder / "ping.txt"
+
+
+def test_a_network_is_what_a_log_holds(tmp_path: Path) -> None:
+    options = ["network=trace", f"network.path={_long_ping(tmp_path)}"]
+    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        config = load(AdviseConfig, compose("advise", options))
+        network = config.build_network()
+        assert network.reliability(0.02) == 1.0 and network.describe()["source"].endswith("ping.txt (ping, text)")
+        with pytest.raises(ValueError, match=r"measured with a loop every 100 ms \(its send times\)"):
+            advise(config)
+        with pytest.raises(ValueError, match="network.column: got nothing with sequence, expected the name"):
+            load(AdviseConfig, compose("advise", [*options, "network.sequence=seq"])).build_network()
+    assert _expanded(["path=a=b", "key=1"], {"path": ("network=trace", "network.path")}) == [
+        "network=trace", "network.path=a=b", "key=1",
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_one_command_reads_and_advises(tmp_path: Path) -> None:
+    _long_ping(tmp_path)
     options = [
         "scenario.horizon=4", "advise.points=2", "advise.rounds=[8]", "advise.finalists=2", "advise.fresh_seeds=8",
         "advise.margins.delays=0", "advise.margins.points=0", "advise.margins.seeds=8", "figures=false",

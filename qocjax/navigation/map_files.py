@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from qocjax import _checks
-from qocjax._reading import decoding, read_text
+from qocjax._reading import check_regular, decoding, read_text
 from qocjax.navigation.grid import Grid
 from qocjax.navigation.maps import FREE, LETHAL, UNKNOWN, StaticMap
 
@@ -18,6 +18,7 @@ __all__ = ["read_map"]
 _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
 _REQUIRED = _KEYS[:5]
+_OF_IMAGES = (OSError, SyntaxError)  # what Pillow raises where it cannot read one
 _OCCUPIED, _NO_INFORMATION = 100, -1  # of an occupancy grid
 
 
@@ -47,8 +48,10 @@ def read_map(path: str | Path, trinary_costmap: bool = True) -> StaticMap:
     if not free < occupied:
         raise ValueError(f"{values.at('free_thresh')}: got {free:g}, expected below occupied_thresh, {occupied:g}")
     negate, mode = values.negate(), values.mode()
-    if not image.is_file():
-        raise ValueError(f"{values.at('image')}: found no file {image}")
+    try:
+        check_regular(image)
+    except ValueError:
+        raise ValueError(f"{values.at('image')}: found no file {str(image)[:200]}") from None
     shade, opacity = _pixels(image)
     occupancy = _occupancy(shade, opacity, negate, mode, (occupied, free))[::-1]  # the first row of an image is its top
     return StaticMap(Grid(resolution, origin, occupancy.shape), _cost(occupancy, trinary_costmap), path.name)
@@ -84,13 +87,13 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     from PIL import Image  # comes with Matplotlib
 
     try:
-        with Image.open(path) as image:
+        with decoding(path, "an image", let=_OF_IMAGES), Image.open(path) as image:
             if image.mode.startswith("I"):  # 16 bits of grey
                 grey = np.asarray(image, dtype=float) / 65535
                 return np.repeat(grey[..., None], 3, axis=-1), None
             clear = "A" in image.getbands() or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA"), dtype=float) / 255
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except (*_OF_IMAGES, Image.DecompressionBombError) as error:
         words = " ".join(str(error).split()).replace(f" '{path}'", "")
         raise ValueError(f"{path}: is no PGM or PNG image that can be read: {words}") from None
     return pixels[..., :3], pixels[..., 3] if clear else None
@@ -111,7 +114,8 @@ class _Values:
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)
             where = f"{path}, line {mark.line + 1}" if mark else str(path)
-            raise ValueError(f"{where}: is no YAML: {getattr(error, 'problem', None) or error}") from None
+            problem = " ".join(str(getattr(error, "problem", None) or error).split())
+            raise ValueError(f"{where}: is no YAML: {problem}") from None
         if not isinstance(content, dict):
             raise ValueError(f"{path}: expected lines such as 'image: map.pgm' for {', '.join(_REQUIRED)}")
         self.lines = {key.value: key.start_mark.line + 1 for key, _ in root.value}
@@ -138,12 +142,12 @@ class _Values:
         try:
             return float("a truth" if isinstance(value, bool) else value)  # YAML 1.1 takes 5e-2 for text
         except (TypeError, ValueError):
-            raise ValueError(f"{self.at(key)}: got {value!r}, expected a real number") from None
+            raise ValueError(f"{self.at(key)}: got {repr(value)[:80]}, expected a real number") from None
 
     def origin(self) -> tuple[float, float]:
         value = self.content["origin"]
         if not (isinstance(value, list) and len(value) == 3):
-            raise ValueError(f"{self.at('origin')}: got {value!r}, expected [x, y, yaw]")
+            raise ValueError(f"{self.at('origin')}: got {str(value)[:80]}, expected [x, y, yaw]")
         x, y, yaw = (float(_checks.numbers(self.at("origin"), self.real("origin", each), ())) for each in value)
         if yaw != 0:
             raise ValueError(f"{self.at('origin')}: got yaw {yaw:g}, expected 0: turn the image instead")

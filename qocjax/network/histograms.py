@@ -110,7 +110,7 @@ def _edge(path: Path, k: int, text: str) -> float:
             if math.isnan(edge):
                 break
             return edge
-    raise ValueError(f"{path}, bin {k + 1}: got low={text!r}, expected a number and a unit, such as '4.18ms'")
+    raise ValueError(f"{path}, bin {k + 1}: got low={text[:60]!r}, expected a number and a unit, such as '4.18ms'")
 
 
 def _count(path: Path, k: int, text: Any) -> float:
@@ -119,5 +119,5 @@ def _count(path: Path, k: int, text: Any) -> float:
     except ValueError:
         count = -1.0
     if not (0.0 <= count < 1e300) or "_" in text:
-        raise ValueError(f"{path}, bin {k + 1}: got {text!r}, expected a count, a number >= 0")
+        raise ValueError(f"{path}, bin {k + 1}: got {text[:60]!r}, expected a count, a number >= 0")
     return count

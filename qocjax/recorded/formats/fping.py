@@ -18,6 +18,7 @@ _REPLY = re.compile(
     r"(?:\[(\d+\.\d+)\] )?(\S+) +: \[(\d+)\], (?:(?:\d+) bytes, ([\d.]+) ms .*|timed out .*|.*duplicate.*)"
 )
 _LIST = re.compile(r"(\S+) +:((?: (?:[\d.]+|-))+)")
+_SUMMARY = re.compile(r'\S+ +: xmt/rcv/%loss = |\{"summary":')
 _JSON = re.compile(r'\{"(?:resp|timeout)": ?\{"host"')
 
 
@@ -32,11 +33,12 @@ def read(head: Head, findings: Findings) -> Log:
     Raises:
         ValueError: There are several hosts, or nothing came back.
     """
-    lines = head.text.split("\n")
+    lines = [line for line in head.text.split("\n") if line.strip() and not _SUMMARY.match(line)]
     rows = [(host, number, time, stamp) for line in lines for host, number, time, stamp in _rows(head, line)]
+    findings.count(head.path.name, "unreadable", sum(not _known(line) for line in lines))
     hosts = dict.fromkeys(row[0] for row in rows)
     if len(hosts) != 1:
-        raise ValueError(f"{head.path}: holds the answers of {len(hosts)} hosts ({', '.join(hosts)}), expected one")
+        raise ValueError(f"{head.path}: holds the answers of {len(hosts)} hosts, expected one")
     number, time, stamp = (np.array(column, float) for column in list(zip(*rows, strict=True))[1:])
     send = stamp - np.where(np.isfinite(time), time, 0.0)
     numbers, loop, times = with_missing(
@@ -46,6 +48,10 @@ def read(head: Head, findings: Findings) -> Log:
         raise ValueError(f"{head.path}: no message came back, expected at least one answer")
     epoch = 0.0 if times is None else float(np.floor(times[0]))
     return Log([loops_of(loop, numbers, None if times is None else times - epoch, epoch=epoch)])
+
+
+def _known(line: str) -> bool:
+    return any(each.fullmatch(line) for each in (_REPLY, _LIST)) or _JSON.match(line) is not None
 
 
 def _rows(head: Head, line: str) -> list[tuple[str, float, float, float]]:

@@ -31,7 +31,7 @@ def read(head: Head, findings: Findings) -> Log:
         ValueError: No message arrived.
     """
     delays: dict[int, float] = {}
-    rows = unsynchronised = 0
+    rows = unsynchronised = spoilt = 0
     for line in head.text.split("\n"):
         if (found := _RAW.fullmatch(line)) is not None:
             lost = int(found[5]) == 0
@@ -41,12 +41,14 @@ def read(head: Head, findings: Findings) -> Log:
             delay = np.inf if found[5] else float(found[2]) / UNITS[found[3]]
             apart = found[4] == "unsync"
         else:
+            spoilt += line.startswith("seq_no") or line[:1].isdigit() or "*LOST*" in line or "delay=" in line
             continue
         rows += 1
         unsynchronised += apart
         number = int(found[1])
         delays[number] = min(delay, delays.get(number, np.inf))
     findings.count(head.path.name, "duplicates", rows - len(delays))
+    findings.count(head.path.name, "unreadable", spoilt)
     values = np.array([delays[number] for number in sorted(delays)])
     findings.count(head.path.name, "negative_leg", int((values < 0.0).sum()))
     values = values[values >= 0.0]

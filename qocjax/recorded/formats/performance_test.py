@@ -36,6 +36,8 @@ def read(head: Head, findings: Findings) -> Log:
         findings.count(head.path.name, "truncated")
         rows[last] = ""
     wanted = ["T_experiment", "received", "sent", "lost", "latency_mean (ms)"]
+    others = [line for k, line in enumerate(lines) if k >= 2 and not rows[k] and line.count(",") > 2]
+    findings.count(head.path.name, "unreadable", len(others))
     table = table_of_text(head.path, "\n".join(rows), wanted, ",", first=before.count("\n") + 1)
     time, received, sent, lost = (np.array(table.numbers(name)) for name in wanted[:4])
     mean = np.array([np.nan if v is None else v for v in table.optional_numbers(wanted[4])]) / 1e3

@@ -14,6 +14,7 @@ __all__ = ["detect", "read"]
 
 TITLE = "sockperf, full log"
 _NAMES = re.compile(r"packet, *txTime\(sec\), *rxTime\(sec\)")
+_ROW = re.compile(r"\s*\d+,\s*\d")
 _DROPPED = re.compile(r"# dropped messages = (\d+); # duplicated messages = (\d+); # out-of-order messages = (\d+)")
 
 
@@ -39,6 +40,8 @@ def read(head: Head, findings: Findings) -> Log:
     loop = receive - send
     if end == len(lines):
         findings.count(head.path.name, "truncated")
+    around = [*lines[:first], *lines[end + 1 :]]
+    findings.count(head.path.name, "unreadable", sum(_ROW.match(line) is not None for line in around))
     if (loop < 0.0).any():
         findings.count(head.path.name, "negative_loop_time", int((loop < 0.0).sum()))
         send, loop = send[loop >= 0.0], loop[loop >= 0.0]
@@ -47,7 +50,8 @@ def read(head: Head, findings: Findings) -> Log:
     step = np.median(np.diff(send)) if send.size > 1 else np.inf
     holes = np.maximum(np.rint(np.diff(send) / step).astype(int) - 1, 0)
     if not dropped:
-        return Log([loops_of(loop, None, send)])
+        unknown = () if counts else ("nothing says how many messages were lost",)
+        return Log([loops_of(loop, None, send)], notes=unknown)
     if holes.sum() != dropped:
         return Log([loops_of(loop, None, send)], notes=(f"{dropped} messages were lost, the log does not say which",))
     place = np.concatenate(([0], np.cumsum(holes + 1)))
