@@ -83,6 +83,8 @@ def loop_trace(
             "downlink": ordered.downlink_receive - ordered.edge_send,
         }))  # fmt: skip
         table = _numbered(table, session, ordered.numbered, next_number, where, rules, findings)
+        if table.empty:  # no loop that could be
+            continue
         table["source_stamp"] += shift
         next_number = int(table["sequence"].iloc[-1]) + 1
         every = table["source_stamp"].diff() if part.timed else pd.Series(dtype=float)
