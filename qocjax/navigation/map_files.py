@@ -132,7 +132,7 @@ class _Values:
     def text(self, key: str) -> str:
         value = self.content[key]
         if not (isinstance(value, str) and value.strip()):
-            raise ValueError(f"{self.at(key)}: got {value!r}, expected the name of a file")
+            raise ValueError(f"{self.at(key)}: got {repr(value)[:80]}, expected the name of a file")
         return value
 
     def number(self, key: str, **bounds: float) -> float:
@@ -156,10 +156,10 @@ class _Values:
     def negate(self) -> bool:
         value = self.content.get("negate", 0)
         if value not in (0, 1):
-            raise ValueError(f"{self.at('negate')}: got {value!r}, expected 0 or 1")
+            raise ValueError(f"{self.at('negate')}: got {repr(value)[:80]}, expected 0 or 1")
         return bool(value)
 
     def mode(self) -> str:
         value = self.content.get("mode", "trinary")
-        value = value.lower() if isinstance(value, str) else value  # as Nav2's map server does
+        value = str(value)[:80].lower()  # as Nav2's map server does
         return _checks.choice(self.at("mode"), value, _MODES) if "mode" in self.content else value

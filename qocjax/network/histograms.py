@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from qocjax._reading import decoding, read_text
-from qocjax.network.columns import UNITS
 from qocjax.network.empirical import QuantileTable
 from qocjax.network.records import parsed_json
+from qocjax.network.values import UNITS
 
 __all__ = ["read_histogram"]
 

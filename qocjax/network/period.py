@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qocjax.network.columns import header_unit
+from qocjax.network.values import header_unit
 
 __all__ = ["SEND_TIMES", "epoch_unit", "is_send_time", "period_of", "unlikely"]
 

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from qocjax.network.columns import UNITS, Columns, header_unit, read_columns
+from qocjax.network.columns import read_columns
 from qocjax.network.empirical import Empirical
 from qocjax.network.numbering import Numbering, number_loops
 from qocjax.network.period import SEND_TIMES, epoch_unit, is_send_time, period_of, unlikely
 from qocjax.network.trace import Trace
+from qocjax.network.values import UNITS, Columns, header_unit
 
 __all__ = ["read_samples", "read_trace", "send_times"]
 

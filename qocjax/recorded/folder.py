@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from qocjax._reading import check_regular
-from qocjax.network.columns import header_unit
+from qocjax.network.values import header_unit
 from qocjax.recorded.bags import is_bag
 from qocjax.recorded.formats import FORMATS, found_format
 from qocjax.recorded.patterns import filled, matched

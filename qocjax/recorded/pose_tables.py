@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from qocjax.network.columns import Columns, names_of, read_columns
+from qocjax.network.columns import names_of, read_columns
+from qocjax.network.values import Columns
 from qocjax.recorded.patterns import matched
 
 __all__ = ["PosesFormat", "read_poses"]

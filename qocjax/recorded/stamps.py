@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qocjax.network.columns import UNITS, header_unit, names_of, read_columns
+from qocjax.network.columns import names_of, read_columns
 from qocjax.network.numbering import number_loops
 from qocjax.network.period import epoch_unit
+from qocjax.network.values import UNITS, header_unit
 from qocjax.recorded.findings import Findings
 
 __all__ = ["TABLES", "Stamps", "StampsFormat", "columns_of", "is_table", "read_stamps"]

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from qocjax.network.columns import UNITS
+from qocjax.network.values import UNITS
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.formats.log import Head, Log, loops_of
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qocjax.network.columns import header_unit, read_columns
+from qocjax.network.columns import read_columns
 from qocjax.network.period import is_send_time
 from qocjax.network.readers import send_times
+from qocjax.network.values import header_unit
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.formats.log import Head, Log, loops_of
 from qocjax.recorded.stamps import StampsFormat, read_stamps
