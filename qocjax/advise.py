@@ -12,7 +12,6 @@ from omegaconf import DictConfig, OmegaConf
 from qocjax._command import command, output_dir
 from qocjax.advice_page import page
 from qocjax.config.advise import AdviseConfig
-from qocjax.config.network import TraceConfig
 from qocjax.config.part import load
 from qocjax.figures.advice import advice_figure
 from qocjax.figures.margins import delay_reliability_map
@@ -99,8 +98,8 @@ def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(AdviseConfig, cfg)
     folder = output_dir()
-    if isinstance(config.network, TraceConfig) and config.network.column is None:
-        print("\n".join(run_lines(config.network.read(), None)), end="\n\n")
+    if (log := config.log()) is not None:
+        print("\n".join(run_lines(log.read(), None)), end="\n\n")
     print(page(run(config, folder)))
     print(f"advice.yaml, nav2_params.yaml and figures are in {folder}")
 
