@@ -76,19 +76,33 @@ def read_bytes(path: str | Path) -> bytes:
     return unpacked
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | Path, most: int | None = None) -> str:
     """Reads a text file in UTF-8, or UTF-16 where it begins with its mark, unpacked where it is packed by gzip.
+
+    Args:
+        path: The file.
+        most: Bytes of whole lines to read of what is not packed; None for all.
 
     Raises:
         ValueError: As `read_bytes`, or it is no text.
     """
-    content = read_bytes(path)
+    content = _beginning(path, most) if most is not None else read_bytes(path)
     code = _BOMS.get(content[:2], "utf-8-sig")
     try:
         return content.decode(code).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         place = f"line {content.count(10, 0, error.start) + 1}" if code == "utf-8-sig" else f"byte {error.start + 1}"
         raise ValueError(f"{path}, {place}: is no text in {code[:6].upper().rstrip('-')}") from None
+
+
+def _beginning(path: str | Path, most: int) -> bytes:
+    """Whole lines at the beginning of a file; all of it where it is packed, or its letters have two bytes."""
+    with open_regular(path) as file:
+        content = file.read(most)
+    if content[:2] == _GZIP or content[:2] in _BOMS:
+        return read_bytes(path)
+    end = content.rfind(b"\n") + 1
+    return content[:end] if len(content) == most and end else content
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Random tables of loops whose truth is known: sessions, wraps, holes, lost loops, late rows and copies."""
+"""Random tables of loops whose truth is known: sessions, wraps, pauses, holes, lost loops, late rows, copies."""
 
 from __future__ import annotations
 
@@ -35,6 +35,9 @@ def a_table(seed: int) -> Known:
         first = 0 if sessions > 1 or not width else int(rng.integers(max(width - count, 0), width))
         number = first + np.arange(count)
         send = begin + period * (np.arange(count) + 0.05 * rng.random(count))
+        pause = int(rng.integers(10, count - 10))  # the measurement rests in between
+        if rng.random() < 0.3 and (not width or 8 < number[pause] % width < width - 8):
+            send[pause:] += float(rng.choice([3.0, 40.0]))
         parts = 1e-3 * (1.0 + rng.gamma(2.0, 2.0, (3, count)))
         lost = rng.random(count) < rng.choice([0.0, 0.02, 0.2])
         table = pd.DataFrame({
@@ -57,7 +60,7 @@ def a_table(seed: int) -> Known:
         table, more = _copies(table, rng)
         copies += more
         tables.append(table)
-        begin = 1.7e9 if relative else begin + period * count + float(rng.choice([2.0, 5.0, 600.0]))
+        begin = 1.7e9 if relative else float(send[-1]) + float(rng.choice([2.0, 5.0, 600.0]))
     every = np.concatenate(delays)
     if not np.isfinite(every).any():
         return a_table(seed + 10_000)

@@ -233,6 +233,8 @@ def test_a_network_is_what_a_log_holds(tmp_path: Path) -> None:
         assert network.reliability(0.02) == 1.0 and network.describe()["source"].endswith("ping.txt (ping, text)")
         with pytest.raises(ValueError, match=r"measured with a loop every 100 ms \(its send times\)"):
             advise(config)
+        with pytest.raises(ValueError, match="has no column 'time'; .*without network.column it is read as ping, text"):
+            load(AdviseConfig, compose("advise", [*options, "network.column=time", "network.unit=ms"])).build_network()
         with pytest.raises(ValueError, match="network.column: got nothing with sequence, expected the name"):
             load(AdviseConfig, compose("advise", [*options, "network.sequence=seq"])).build_network()
     assert _expanded(["path=a=b", "key=1"], {"path": ("network=trace", "network.path")}) == [

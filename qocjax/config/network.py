@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -26,6 +27,7 @@ from qocjax.network import (
 )
 from qocjax.network.dds import DdsNetwork, Profile, Topic
 from qocjax.recorded.as_trace import read_file, trace_of
+from qocjax.recorded.formats import FORMATS, found_format
 from qocjax.recorded.run import RecordedRun
 
 __all__ = ["NetworkConfig"]
@@ -201,6 +203,16 @@ class TraceConfig(Part):
             if given:
                 raise ValueError(f"network.column: got nothing with {given[0]}, expected the name of the loop times'")
             return trace_of(self.read(), self.path, self.period)
+        try:
+            return self._table()
+        except ValueError as error:
+            kind = found_format(Path(self.path)) if "has no column" in str(error) else None
+            if kind is None:
+                raise
+            raise ValueError(f"{error}; without network.column it is read as {FORMATS[kind].TITLE}") from None
+
+    def _table(self) -> Trace:
+        assert self.column is not None
         return read_trace(
             self.path,
             self.column,

@@ -15,6 +15,7 @@ from qocjax.network.values import UNITS, Columns, own_name
 __all__ = ["UNITS", "Columns", "names_of", "read_columns", "table_of_text"]
 
 _BLANK = " "
+_HEAD = 2**16  # bytes in which the names of columns stand
 
 
 def read_columns(
@@ -59,7 +60,7 @@ def names_of(path: Path, separator: str | None = None, records: str | None = Non
     """
     if path.suffix == ".parquet" or path.name.removesuffix(".gz").endswith(RECORDS):
         return read_records(path, records).names
-    return next(_rows(path, read_text(path), separator, 1), (0, []))[1]
+    return next(_rows(path, read_text(path, _HEAD), separator, 1), (0, []))[1]
 
 
 def table_of_text(

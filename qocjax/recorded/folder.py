@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from qocjax._reading import check_regular
+from qocjax._reading import check_regular, decoding
 from qocjax.network.values import header_unit
 from qocjax.recorded.bags import is_bag
 from qocjax.recorded.formats import FORMATS, found_format
@@ -38,10 +38,9 @@ class Labels:
         """
         if file is None:
             return cls(pattern)
-        try:
+        check_regular(file)
+        with decoding(file, "CSV"):
             table = pd.read_csv(file, dtype={"run": str})
-        except (OSError, ValueError, pd.errors.ParserError) as error:
-            raise ValueError(f"{file}: cannot be read as CSV: {str(error).splitlines()[0]}") from None
         if "run" not in table:
             raise ValueError(f"{file}: has no column 'run'; its columns are {', '.join(map(repr, table))}")
         return cls(pattern, table)

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from qocjax.network.numbering import number_loops
 from qocjax.network.period import unlikely
 from qocjax.recorded.clocks import Clock, steps, two_way_clock
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.order import in_order, numbered
 from qocjax.recorded.series import Cleaning
 from qocjax.recorded.stamps import Stamps
 
@@ -46,6 +46,16 @@ class LoopTrace:
     apparent: pd.DataFrame  # source_stamp, uplink, downlink (s) before correction
 
 
+@dataclass(frozen=True)
+class _Session:
+    """The loops of one part, on its own epoch."""
+
+    table: pd.DataFrame
+    apparent: pd.DataFrame
+    clocks: list[Clock]
+    lost_uplink: int
+
+
 def loop_trace(
     parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings,
     period: float | None = None,
@@ -67,77 +77,63 @@ def loop_trace(
     Raises:
         ValueError: No loop is left, or none of them came back.
     """
-    tables, apparent, clocks, lost_uplink, epoch, next_number = [], [], [], 0, parts[0].epoch, 0
+    tables: list[pd.DataFrame] = []
+    seen: list[pd.DataFrame] = []
+    sessions, clocks, number = [], [], 0
     for part in parts:
-        ordered, session = _in_order(part, where, findings)
-        if not ordered.sequence.size:
+        each = _session(part, len(parts) > 1, where, rules, cleaning, findings)
+        if each is None:
             continue
-        table = _times(ordered, where, findings)
-        table["session"] = session if len(parts) == 1 else part.session
-        shift = part.epoch - epoch
-        found = _legs(table, ordered, where, rules, findings)
-        clocks += [replace(clock, knots=clock.knots + shift) for clock in found]
-        lost_uplink += int((table["lost"] & np.isnan(ordered.edge_receive)).sum())
-        apparent.append(pd.DataFrame({
-            "source_stamp": ordered.uplink_send + shift, "uplink": ordered.edge_receive - ordered.uplink_send,
-            "downlink": ordered.downlink_receive - ordered.edge_send,
-        }))  # fmt: skip
-        table = _numbered(table, session, ordered.numbered, next_number, where, rules, findings)
-        if table.empty:  # no loop that could be
-            continue
-        table["source_stamp"] += shift
-        next_number = int(table["sequence"].iloc[-1]) + 1
-        every = table["source_stamp"].diff() if part.timed else pd.Series(dtype=float)
-        findings.count(where, "gaps", int((every > max(cleaning.gap * every.median(), cleaning.least_gap)).sum()))
-        tables.append(table)
+        shift = part.epoch - parts[0].epoch
+        each.table["sequence"] += number
+        number = int(each.table["sequence"].iloc[-1]) + 1
+        for table, kept in ((each.table, tables), (each.apparent, seen)):
+            table["source_stamp"] += shift
+            kept.append(table)
+        clocks += [replace(clock, knots=clock.knots + shift) for clock in each.clocks]
+        sessions.append(each)
     if not tables:
         raise ValueError(f"{where}: holds no loop, expected rows with a sequence number and an uplink send stamp")
-    whole = pd.concat(tables, ignore_index=True)
+    whole, apparent = pd.concat(tables, ignore_index=True), pd.concat(seen, ignore_index=True)
     if whole["lost"].all():
         raise ValueError(f"{where}: all {len(whole)} loops are lost, expected at least one that came back")
     if not parts[0].timed:  # an even period, or none
         whole["source_stamp"] = np.nan if period is None else whole["sequence"] * period
-    span = None if whole["source_stamp"].isna().all() else float(np.ptp(whole["source_stamp"]))
-    if (doubt := unlikely(whole["loop_time"].to_numpy(), span)) is not None:
+    known = bool(whole["source_stamp"].notna().any())
+    doubt = unlikely(whole["loop_time"].to_numpy(), float(np.ptp(whole["source_stamp"])) if known else None)
+    if doubt is not None:
         findings.note(f"{where}: {doubt}")
-    first = float(whole["source_stamp"].iloc[0])
+    first = float(whole["source_stamp"].iloc[0]) if known else 0.0
     whole["source_stamp"] -= first
-    seen = pd.concat(apparent, ignore_index=True)
-    seen["source_stamp"] -= first
+    apparent["source_stamp"] -= first
+    lost_uplink = sum(each.lost_uplink for each in sessions) if parts[0].has_edge else None
     return LoopTrace(
-        parts[0].robot, whole[COLUMNS], epoch + first, lost_uplink if parts[0].has_edge else None,
-        tuple(replace(clock, knots=clock.knots - first) for clock in clocks), seen,
+        parts[0].robot, whole[COLUMNS], parts[0].epoch + first, lost_uplink,
+        tuple(replace(clock, knots=clock.knots - first) for clock in clocks), apparent,
     )  # fmt: skip
 
 
-def _in_order(part: Stamps, where: str, findings: Findings) -> tuple[Stamps, NDArray[np.int64]]:
-    """Sorted, each loop once, numbers that never begin anew; and how often the numbering has begun anew before each."""
-    keep = np.isfinite(part.sequence) & np.isfinite(part.uplink_send)
-    findings.count(where, "no_source_stamp", int((~keep).sum()))
-    part = _take(replace(part, counted=part.sequence), np.flatnonzero(keep))
+def _session(
+    part: Stamps, named: bool, where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings
+) -> _Session | None:
+    """One part's loops; None where it has none."""
+    part, session = in_order(part, where, findings)
     if not part.sequence.size:
-        return part, np.empty(0, np.int64)
-    times = (part.uplink_send, part.downlink_receive) if part.timed else ()
-    found = number_loops(part.sequence.tolist(), *times)
-    part = replace(part, counted=found.number)
-    findings.count(where, "unordered", found.late)
-    findings.count(where, "restarts", found.restarts)
-    findings.count(where, "wraps", found.wraps)
-    answer = np.nan_to_num(part.downlink_receive, nan=np.inf)
-    first = np.lexsort((answer, found.number, found.session))
-    _, once = np.unique(np.column_stack([found.session, found.number])[first], axis=0, return_index=True)
-    findings.count(where, "duplicates", part.sequence.size - once.size)
-    kept = np.isin(found.order, first[once])
-    rows = found.order[kept]
-    part, session = _take(part, rows), found.session[rows]
-    same = (np.diff(session) == 0) & part.timed
-    findings.count(where, "stamps_back", int((np.diff(part.uplink_send)[same] < 0).sum()))
-    return part, session
-
-
-def _take(part: Stamps, rows: NDArray[np.intp]) -> Stamps:
-    names = ("sequence", "counted", "uplink_send", "edge_receive", "edge_send", "downlink_receive")
-    return replace(part, **{name: getattr(part, name)[rows] for name in names})
+        return None
+    table = _times(part, where, findings)
+    table["session"] = part.session if named else session
+    clocks = _legs(table, part, where, rules, findings)
+    lost_uplink = int((table["lost"] & np.isnan(part.edge_receive)).sum())
+    apparent = pd.DataFrame({
+        "source_stamp": part.uplink_send, "uplink": part.edge_receive - part.uplink_send,
+        "downlink": part.downlink_receive - part.edge_send,
+    })  # fmt: skip
+    table = numbered(table, session, part.numbered, rules.missing_are_lost, where, findings)
+    if table.empty:  # no loop that could be
+        return None
+    every = table["source_stamp"].diff() if part.timed else pd.Series(dtype=float)
+    findings.count(where, "gaps", int((every > max(cleaning.gap * every.median(), cleaning.least_gap)).sum()))
+    return _Session(table, apparent, clocks, lost_uplink)
 
 
 def _times(part: Stamps, where: str, findings: Findings) -> pd.DataFrame:
@@ -197,29 +193,3 @@ def _correct(
         return None
     offset = clock.offset(time[piece])
     return up[piece] - offset, down[piece] + offset, clock
-
-
-def _numbered(
-    table: pd.DataFrame, session: NDArray[np.int64], numbered: bool, first: int, where: str, rules: ClockRules,
-    findings: Findings,
-) -> pd.DataFrame:  # fmt: skip
-    """Gives each loop a number that never begins anew, and enters missing ones as lost where that is wanted."""
-    number = table["counted"].to_numpy()
-    ahead = np.diff(number, prepend=number[0])
-    ahead[np.diff(session, prepend=0) > 0] = 1.0
-    missing = int(np.maximum(ahead - 1.0, 0.0).sum())
-    whole = bool((number == np.floor(number)).all())
-    findings.count(where, "missing_numbers", missing if numbered and whole else 0)
-    table["sequence"] = first + (np.cumsum(ahead).astype(int) if whole else np.arange(len(table)))
-    if rules.missing_are_lost and missing and whole:
-        if missing > 100 * len(table):
-            raise ValueError(f"{where}: {missing} numbers are missing among {len(table)}, expected a count of loops")
-        full = np.arange(table["sequence"].iloc[0], table["sequence"].iloc[-1] + 1)
-        stamp = np.interp(full, table["sequence"], table["source_stamp"])
-        table = table.set_index("sequence").reindex(full).rename_axis("sequence").reset_index()
-        table["source_stamp"], table["session"] = stamp, table["session"].ffill()
-        absent = table["lost"].isna()
-        table.loc[absent, "loop_time"] = np.inf
-        table["lost"] = table["lost"].where(~absent, True).astype(bool)
-    left = table["loop_time"].notna()
-    return table[left].reset_index(drop=True)
