@@ -230,7 +230,7 @@ def test_a_network_is_what_a_log_holds(tmp_path: Path) -> None:
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
         config = load(AdviseConfig, compose("advise", options))
         network = config.build_network()
-        assert network.reliability(0.02) == 1.0 and network.describe()["source"].endswith("ping.txt (ping, text)")
+        assert network.reliability(0.02).share == 1.0 and network.describe()["source"].endswith("ping.txt (ping, text)")
         with pytest.raises(ValueError, match=r"measured with a loop every 100 ms \(its send times\)"):
             advise(config)
         with pytest.raises(ValueError, match="has no column 'time'; .*without network.column it is read as ping, text"):

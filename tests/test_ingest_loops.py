@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from qocjax.network import Trace, read_trace
+from qocjax.network import Load, Trace, read_trace
 from qocjax.recorded import ClockRules, LoopTrace, Rules, RunFiles, StampsFormat, TopicPatterns, read_run
 from qocjax.recorded.clocks import lower_envelope, steps, two_way_clock
 from qocjax.recorded.run import RecordedRun
@@ -223,7 +223,7 @@ def test_trace_goes_back_into_a_network(tmp_path: Path) -> None:
     trace.table.to_csv(path, index=False, float_format="%.9g")
     network = read_trace(path, "loop_time", "s", sequence="sequence", gaps_are_lost=True)
     np.testing.assert_allclose(network.delays, trace.table["loop_time"], rtol=1e-8)
-    assert network.reliability(np.inf) == pytest.approx(0.98)
+    assert network.reliability(np.inf).share == pytest.approx(0.98)
     assert network.draw(jax.random.key(0), 10, 2, PERIOD).shape == (10, 2)
 
 
@@ -353,7 +353,7 @@ def test_a_unit_that_the_stamps_contradict_is_refused_or_said(tmp_path: Path) ->
 
 def test_percentiles_are_those_of_advice(tmp_path: Path) -> None:
     loop = np.array([10.0, 20.0, 30.0, 263.0, 271.0, np.inf]) / 1e3
-    quantile = quantiles(Trace(loop, "loops"), [0.5 * 5 / 6, 0.8 * 5 / 6, 0.95 * 5 / 6])
+    quantile = quantiles(Trace(loop, "loops"), Load(100, 1, 0.05), [0.5 * 5 / 6, 0.8 * 5 / 6, 0.95 * 5 / 6])
     assert [percentile(loop[:5], level) for level in (50, 80, 95)] == pytest.approx(
         quantile.tolist(), rel=2e-6
     )  # a deadline's tolerance

@@ -37,7 +37,7 @@ def test_units(write: Callable[..., Path], unit: str, factor: float) -> None:
 
 
 def test_a_measured_100_ms_counts_for_100_ms(write: Callable[..., Path]) -> None:
-    assert read_trace(write("rtt\n100\n"), "rtt", "ms").reliability(0.1) == 1.0
+    assert read_trace(write("rtt\n100\n"), "rtt", "ms").reliability(0.1).share == 1.0
 
 
 @pytest.mark.parametrize(

@@ -90,4 +90,4 @@ def test_two_sessions_in_one_table_are_both_read(tmp_path) -> None:
     table.to_csv(tmp_path / "two.csv", index=False)
     with pytest.warns(UserWarning, match="'seq' begins anew 1 times and wraps 0 times"):
         trace = read_trace(tmp_path / "two.csv", "rtt", "ms", sequence="seq", period=0.1)
-    assert len(np.asarray(trace.delays)) == 1000 and trace.reliability(0.05) == 0.5
+    assert len(np.asarray(trace.delays)) == 1000 and trace.reliability(0.05).share == 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 from qocjax import _checks
 from qocjax.config.bounds import BoundsConfig
@@ -50,6 +51,8 @@ class AdviseConfig(SimulationConfig):
     path: str | None
     advise: AdviseOptions
     figures: bool
+
+    usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
 
     def log(self) -> TraceConfig | None:
         """The file whose content says itself what it is, where the network is one."""
