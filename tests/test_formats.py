@@ -117,6 +117,23 @@ def test_ping_counts_what_its_summary_knows(tmp_path: Path) -> None:
         read_file(path)
 
 
+def test_ping_in_another_language_and_several_runs_in_one_file(tmp_path: Path) -> None:
+    german = LOGS["ping"].text.replace("bytes from", "Bytes von").replace("time=", "Zeit=").replace("24.3", "24,3")
+    english = "6 packets transmitted, 4 received, +1 duplicates, 33.3333% packet loss, time 5007ms"
+    translated = "6 Pakete übertragen, 4 empfangen, +1 Duplikate, 33.3333% Paketverlust, Zeit 5007ms"
+    assert english in german
+    german = german.replace(english, translated)
+    (tmp_path / "ping.txt").write_text(german + "\n" + LOGS["ping"].text)
+    run = read_file(tmp_path / "ping.txt")
+    table = run.loops["loops"].table
+    np.testing.assert_allclose(table["loop_time"], 2 * [0.0243, 0.0218, np.inf, 0.12, 0.0195, np.inf])
+    assert counts(run) == {"duplicates": 2} and trace_of(run, "x").period == pytest.approx(1.0, rel=3e-3)
+    first, second = LOGS["ping -D -O"].text, LOGS["ping -D -O"].text.replace("[17000000", "[17000001")
+    (tmp_path / "ping.txt").write_text(first + second)
+    trace = trace_of(read_file(tmp_path / "ping.txt"), "x")
+    assert np.size(trace.delays) == 10 and trace.period == pytest.approx(0.2, rel=3e-3)
+
+
 def test_ping_wraps_at_16_bits(tmp_path: Path) -> None:
     numbers = [*range(1, 65536), *range(500)]
     lines = [
