@@ -62,6 +62,9 @@ def _run(head: Head, text: str, findings: Findings) -> tuple[Stamps, float | Non
             other += 1
     findings.count(where, "unreadable", other)
     if not replies:
+        findings.count(where, "contradictions", received or 0)
+        if sent or silent:
+            findings.note(f"{where}: a run without any answer is left out")
         return None
     came = len(replies) - sum(each[3] for each in replies)
     findings.count(where, "contradictions", 0 if received is None else abs(came - received))
