@@ -58,7 +58,7 @@ def rows(scenario: str) -> Iterator[dict[str, object]]:
         evaluate(config.build_scenario(), design, network, SEEDS, controller=replace(stack, predict=predict))  # type: ignore[type-var]
         for predict in (False, True)
     )
-    reliability = network.reliability(DEADLINES)
+    reliability = network.reliability(DEADLINES).share
     for metric in METRICS:
         for g, deadline in enumerate(DEADLINES):
             a, b = by_seed(plain, metric)[g], by_seed(predicted, metric)[g]

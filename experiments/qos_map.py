@@ -61,17 +61,17 @@ def gamma(mean: float, std: float) -> ShiftedGamma:
     return ShiftedGamma(0.0, (mean / std) ** 2, std**2 / mean)
 
 
-def network(compute: float | None, delay: ShiftedGamma, tau: float, in_order: bool = True) -> DdsNetwork:
+def network(compute: float | None, delay: ShiftedGamma, in_order: bool = True) -> DdsNetwork:
     """Two topics of a pose and a command; the paper's compute time, or a constant one (s)."""
     law = TruncatedNormal(0.2, 0.05) if compute is None else Constant(compute)
     up, down = Topic(delay, payload=368, in_order=in_order), Topic(delay, payload=76, in_order=in_order)
-    return DdsNetwork(uplink=up, compute=law, downlink=down, period=tau)
+    return DdsNetwork(uplink=up, compute=law, downlink=down)
 
 
 def measured() -> None:
     """The model under the conditions of the measurement, and its error on each number."""
     keys = jax.random.split(jax.random.key(1), 48)
-    net = network(OVERHEAD, gamma(0.01, 0.003), 0.02)
+    net = network(OVERHEAD, gamma(0.01, 0.003))
     rows = []
     for (loss, profile), numbers in MEASURED.items():
         sent = run_transport(net.with_qos(**PROFILES[profile]), IndependentLoss(loss), keys, 1000, 1, 0.02)
@@ -107,7 +107,7 @@ def study(setting: str, rules: Rules, losses: tuple[float, ...], bursts: tuple[f
     """One setting."""
     compute, tau, deadlines = SETTINGS[setting]
     return qos_study(
-        Scenario(), Design(tau=tau), network(compute, gamma(0.01, 0.003), tau), profiles, losses, bursts,
+        Scenario(), Design(tau=tau), network(compute, gamma(0.01, 0.003)), profiles, losses, bursts,
         [ms / 1e3 for ms in deadlines], range(seeds), rules=rules,
     )  # fmt: skip
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -18,6 +19,7 @@ from hydra import compose, initialize_config_dir
 from qocjax.batch.xla import request_whole_loop
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
+from qocjax.study.reliability import load_of
 from qocjax.study.validation import Validation, compare
 from qocjax.validate import report, run
 
@@ -56,11 +58,12 @@ def main() -> None:
         shutil.copy(Path(folder) / "figures" / "validation.png", RESULTS / "validation.png")
     print(report(outcome))
     found, network = outcome.validation, config.build_network()
+    completing = partial(network.reliability, load=load_of(config.build_scenario(), config.loop.tau))
     rows = []
     for first in FIRST:
         kept = [k for k, delay in enumerate(found.simulated.delays) if delay >= first - 1e-9]
         s, e = found.simulated.at(kept), found.measured.at(kept)
-        rows.append(row(first, compare(s, e, network.reliability, resamples=config.validation.resamples)))
+        rows.append(row(first, compare(s, e, completing, resamples=config.validation.resamples)))
     table = pd.DataFrame(rows)
     table.to_csv(RESULTS / "validation_first_delay.csv", index=False, float_format="%.4g")
     print(table[["first_delay", "spearman", "kendall", "rmse", "rmse_log", "rmse_of_noise"]].to_string(index=False))

@@ -76,13 +76,17 @@ def read_bytes(path: str | Path) -> bytes:
     return unpacked
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | Path, most: int | None = None) -> str:
     """Reads a text file in UTF-8, or UTF-16 where it begins with its mark, unpacked where it is packed by gzip.
+
+    Args:
+        path: The file.
+        most: Bytes of whole lines to read of what is not packed; None for all.
 
     Raises:
         ValueError: As `read_bytes`, or it is no text.
     """
-    content = read_bytes(path)
+    content = _beginning(path, most) if most is not None else read_bytes(path)
     code = _BOMS.get(content[:2], "utf-8-sig")
     try:
         return content.decode(code).replace("\r\n", "\n")
@@ -91,16 +95,28 @@ def read_text(path: str | Path) -> str:
         raise ValueError(f"{path}, {place}: is no text in {code[:6].upper().rstrip('-')}") from None
 
 
+def _beginning(path: str | Path, most: int) -> bytes:
+    """Whole lines at the beginning of a file; all of it where it is packed, or its letters have two bytes."""
+    with open_regular(path) as file:
+        content = file.read(most)
+    if content[:2] == _GZIP or content[:2] in _BOMS:
+        return read_bytes(path)
+    end = content.rfind(b"\n") + 1
+    return content[:end] if len(content) == most and end else content
+
+
 @contextmanager
-def decoding(path: str | Path, what: str) -> Iterator[None]:
+def decoding(path: str | Path, what: str, *, let: type[Exception] | tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Turns whatever is raised while a file is decoded into one line that begins with the file.
 
-    What already begins so passes, as do warnings, a library that is not there, and what stops a program. Everything
-    else is damage: integers too large for a float, data nested too deep, sizes beyond the memory, broken packing.
+    What already names the file passes, as do warnings, a library that is not there, and what stops a program.
+    Everything else is damage: integers too large for a float, data nested too deep, sizes beyond the memory, broken
+    packing.
 
     Args:
         path: Of the file.
         what: That is expected, for the message, such as `an MCAP file`.
+        let: Exceptions that pass, for a caller that tells more of them.
 
     Raises:
         ValueError: Anything was raised.
@@ -109,8 +125,10 @@ def decoding(path: str | Path, what: str) -> Iterator[None]:
         yield
     except (Warning, ImportError):
         raise
+    except let:
+        raise
     except Exception as error:
-        if isinstance(error, ValueError) and str(error).startswith(str(path)):
+        if isinstance(error, ValueError) and str(path) in str(error):
             raise
         raise ValueError(f"{path}: cannot be read as {what}: {told(error)}") from None
 

@@ -9,6 +9,7 @@ from qocjax._command import printed_unit
 from qocjax.quality import qoc
 from qocjax.study.advice import Advice, plain
 from qocjax.study.margins import Bound
+from qocjax.study.reliability import share_text
 from qocjax.study.stress import GROWTHS
 
 __all__ = ["page"]
@@ -59,7 +60,8 @@ def _network_lines(advice: Advice) -> list[str]:
     percent = ", ".join(
         f"{name} {'none' if d is None else f'{d:.4g}'}" for name, d in plain(loop["percentiles_ms"]).items()
     )
-    f_current = float(advice.judged["reliability"].iloc[0])
+    f_current = share_text(*advice.judged[["reliability", "reliability_se"]].iloc[0])
+    f_best = share_text(loop["reliability"], loop["reliability_se"])
     run, alone = loop["mean_miss_run"], loop["independent_miss_run"]
     bursts = "no loop is missed" if run is None else (
         f"misses come {run:.2g} in a row on average ({alone:.2g} if independent), "
@@ -68,8 +70,8 @@ def _network_lines(advice: Advice) -> list[str]:
     hangs = loop["delay_correlation"]
     return [
         f"  loop times that arrive (ms): {percent}; lost: {loop['lost_share']:.2%}",
-        f"  F({_ms(advice.recommended.deadline)} ms) = {loop['reliability']:.3f}, "
-        f"F({_ms(advice.current.deadline)} ms) = {f_current:.3f}; rank correlation of successive delays: "
+        f"  F({_ms(advice.recommended.deadline)} ms) = {f_best}, "
+        f"F({_ms(advice.current.deadline)} ms) = {f_current}; rank correlation of successive delays: "
         + ("not defined" if hangs is None else f"{hangs:.2f}"),
         f"  at {_ms(advice.recommended.deadline)} ms {bursts}",
     ]

@@ -34,6 +34,7 @@ def run(config: QosConfig, folder: Path | None = None, *, quiet: bool = False) -
     """
     config.surrogate_only()
     options, shown = config.qos, config.shown()
+    network, edge = config.build_topics()
     total = len(options.profiles) * len(options.loss) * len(options.burst)
     with tqdm(total=total, desc="profiles x channels", file=sys.stderr, disable=True if quiet else None) as bar:
 
@@ -42,10 +43,10 @@ def run(config: QosConfig, folder: Path | None = None, *, quiet: bool = False) -
             bar.update()
 
         study = qos_study(
-            config.build_scenario(), config.baseline(), config.build_topics(), config.profiles(),
+            config.build_scenario(), config.baseline(), network, config.profiles(),
             options.loss, options.burst, [ms / 1e3 for ms in options.deadline_ms], range(options.seeds),
             rules=config.loop.build(), key=config.key, scale=config.scale(), carrier=config.carrier.build(),
-            progress=show,
+            edge=edge, progress=show,
         )  # fmt: skip
     if folder is not None:
         _write(study, config, folder)
@@ -116,7 +117,7 @@ def _write(study: QosStudy, config: QosConfig, folder: Path) -> None:
     write_config(folder, config.model_dump())
     record = {
         "j_med": study.scale.median, "j_max": study.scale.largest, "seeds": [0, config.qos.seeds], "key": config.key,
-        "network": config.build_topics().describe(), "path": dict(study.cells[0].runs.attrs),
+        "network": config.build_network().describe(), "path": dict(study.cells[0].runs.attrs),
     }  # fmt: skip
     write_json(folder / "record.json", record | provenance())
 

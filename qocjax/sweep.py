@@ -29,8 +29,10 @@ from qocjax.store.provenance import change_of
 from qocjax.store.study_folder import RECORD, ChunkFolder, read_identity, study_folder
 from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
+from qocjax.study.capacity import at_once_text, overload_texts, usual_load
 from qocjax.study.chunks import Problem
 from qocjax.study.grid import Grid
+from qocjax.study.reliability import load_of, share_text
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
@@ -89,6 +91,8 @@ def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder
 
 def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFolder | None, quiet: bool) -> Study:
     selection, evaluation = config.seeds()
+    for text in overload_texts(problem.network, load_of(problem.scenario, config.loop.tau), float(grid.deadline.max())):
+        _note(text)
     ticks = sum(num_ticks(problem.scenario.horizon, tau) for tau in np.asarray(problem.designs.tau))
     bar = tqdm(
         total=ticks * len(selection) * problem.scenario.num_robots,
@@ -104,6 +108,12 @@ def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFo
 
 def _note(text: str) -> None:
     tqdm.write(f"note: {text}", file=sys.stderr)
+
+
+def study_capacity(study: Study, config: StudyConfig) -> str:
+    """How many computations at once the study takes for granted."""
+    problem = config.build_problem()
+    return at_once_text(problem.network, *usual_load(study, problem))
 
 
 def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
@@ -142,7 +152,7 @@ def policy_text(policies: pd.DataFrame) -> str:
             "policy": policies["policy"],
             "value": policies["value"].map("{:g}".format),
             "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format),
-            "F(Δ)": policies["reliability"].map("{:.3f}".format),
+            "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
             "QoC ± SE": [f"{q:.4f} ± {se:.4f}" for q, se in zip(policies["qoc"], policies["qoc_se"], strict=True)],
             "difference to Co-design [95 %]": [
                 "" if row.policy == "Co-design"
@@ -185,6 +195,7 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
         "seeds": {"selection": [selection.start, selection.stop], "evaluation": [evaluation.start, evaluation.stop]},
         "key": config.key,
         "network": problem.network.describe(),
+        "computations_at_once": at_once_text(problem.network, *usual_load(study, problem)),
         "path": {name: study.runs.attrs[name] for name in ("math", "dtype")},
         "configuration": study.configuration,
         "tables": digests,
@@ -225,7 +236,8 @@ def main(cfg: DictConfig) -> None:
     if text := diverged_text(study.results):
         print(f"\n{text}")
     scale = study.scale
-    print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
+    print(f"\n{study_capacity(study, config)}")
+    print(f"QoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
     print(f"Tables, figures and the record are in {folder}")
     if study.failures:
         causes = "; ".join(sorted(set(study.failures.values())))

@@ -18,6 +18,7 @@ from qocjax.figures.save import save
 from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.objective import Objective, pilot_scale
+from qocjax.study.reliability import share_text
 from qocjax.study.tuning import Slopes, Tuning, tune
 
 __all__ = ["design_text", "landscape", "main", "run"]
@@ -82,7 +83,10 @@ def design_text(tuning: Tuning) -> str:
     """The best start at each deadline, for a terminal."""
     table = tuning.designs
     best = table.loc[table.groupby("deadline")["qoc_selection"].idxmax()]
-    shown = {"Δ (ms)": (best["deadline"] * 1e3).map("{:g}".format), "F(Δ)": best["reliability"].map("{:.3f}".format)}
+    shown = {
+        "Δ (ms)": (best["deadline"] * 1e3).map("{:g}".format),
+        "F(Δ)": [*map(share_text, best["reliability"], best["reliability_se"])],
+    }
     shown |= {name: best[name].map("{:.3g}".format) for name in tuning.problem.bounds.names}
     shown["QoC ± SE"] = [f"{q:.4f} ± {se:.4f}" for q, se in zip(best["qoc"], best["qoc_se"], strict=True)]
     shown["gain over the baseline [95 %]"] = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from qocjax.network.interface import Network
 from qocjax.recorded import find_runs, read_run
 from qocjax.scenario import num_ticks
 from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.study.reliability import load_of
 from qocjax.study.validation import (
     Curve,
     Fit,
@@ -65,8 +67,9 @@ def run(config: ValidateConfig, folder: Path | None = None, *, quiet: bool = Fal
     network = config.build_network()
     measured, points = _measured(config, network, quiet)
     simulated = _simulate(config, network, measured.delays, None, "surrogate", quiet)
-    options = config.validation
-    found = compare(simulated, measured, network.reliability, resamples=options.resamples, random=config.key % 2**32,
+    options, load = config.validation, load_of(config.build_scenario(), config.loop.tau)
+    completing = partial(network.reliability, load=load)
+    found = compare(simulated, measured, completing, resamples=options.resamples, random=config.key % 2**32,
                     share=options.regime_share)  # fmt: skip
     fitted, judged = _calibrate(config, network, found.measured, quiet) if config.calibrate else (None, None)
     outcome = Outcome(found, points, fitted, judged)
@@ -108,7 +111,7 @@ def _recorded_points(
 ) -> pd.DataFrame:
     rules, labels, grouping = source.rules(config.robot.radius), source.labels.build(), source.grouping(delays)
     found, failed = [], []
-    files = find_runs(source.place(), rules.stamps)
+    files = find_runs(source.place(), rules.stamps, rules.poses, rules.kind)
     for each in tqdm(files, desc="reading", unit=" runs", file=sys.stderr, disable=True if quiet else None):
         try:
             found.append(read_run(each, rules, quiet=True))

@@ -25,7 +25,7 @@ from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
-from qocjax.network import GilbertElliott, Leg, LoopNetwork, Trace, TruncatedNormal
+from qocjax.network import Edge, GilbertElliott, Leg, Load, LoopNetwork, Trace, TruncatedNormal, with_edge
 from qocjax.study.advice import Advice, plain
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.margins import Bound
@@ -33,6 +33,7 @@ from qocjax.study.sensitivity import Box
 from qocjax.study.shortlist import Effort, shortlist
 
 LATE = Design(tau=0.1, deadline=0.7)
+LOAD = Load(40, 2, 0.1)
 BOUNDS = {"kappa": (0.5, 4.0), "gamma": (1.0, 6.0)}
 # As many seeds everywhere: few programs to compile.
 SMALL = ["scenario.horizon=4", "scenario.start=[[-0.6,-0.5,0.3],[-0.6,0.5,0.0]]", "scenario.goal=[1,0]", "loop.tau=0.1",
@@ -66,33 +67,33 @@ def composer() -> Iterator[None]:
 
 def test_quantiles_invert_reliability() -> None:
     law, levels = TruncatedNormal(0.2, 0.05), [0.01, 0.5, 0.99]
-    np.testing.assert_allclose(quantiles(paper_network(), levels), law.quantile(levels), rtol=1e-5)
-    found = quantiles(lossy(), [0.4, 0.81])  # a fifth is lost
+    np.testing.assert_allclose(quantiles(paper_network(), LOAD, levels), law.quantile(levels), rtol=1e-5)
+    found = quantiles(lossy(), LOAD, [0.4, 0.81])  # a fifth is lost
     assert found[0] == pytest.approx(float(law.quantile(0.5)), rel=1e-4) and found[1] == np.inf
 
 
 def test_candidate_deadlines_reach_their_shares() -> None:
-    axis = candidate_deadlines(paper_network(), 0.8)
+    axis = candidate_deadlines(paper_network(), LOAD, 0.8)
     assert np.all(np.diff(axis) > 0) and axis[-1] == 0.8
-    share = paper_network().reliability(axis)
+    share = paper_network().reliability(axis).share
     assert 0.02 <= share[0] < 0.04 and np.sum((share > 0.05) & (share < 0.95)) >= 4
     with pytest.raises(ValueError, match="longest_deadline: got 20 ms, by which"):
-        candidate_deadlines(paper_network(), 0.02)
+        candidate_deadlines(paper_network(), LOAD, 0.02)
 
 
 def test_character_of_a_trace_counts_by_hand() -> None:
     trace = Trace(np.array([1, 9, 9, 1, 1, 9, np.inf, 1]) * 1e-3, "hand")
-    found = characterise(trace, 0.01, 5e-3)
+    found = characterise(trace, LOAD, 5e-3)
     assert found["lost_share"] == pytest.approx(1 / 8) and found["reliability"] == 0.5
     assert found["mean_miss_run"] == 2.0 and found["p99_miss_run"] == 2 and found["independent_miss_run"] == 2.0
     assert found["gilbert_elliott"] == {"p_good_to_bad": pytest.approx(2 / 3), "p_bad_to_good": pytest.approx(2 / 4)}
     assert found["percentiles_ms"]["p50"] == pytest.approx(1.0) and found["percentiles_ms"]["p95"] == pytest.approx(9.0)
-    calm = characterise(Trace(np.full(50, 1e-3), "calm"), 0.01, 5e-3)
+    calm = characterise(Trace(np.full(50, 1e-3), "calm"), LOAD, 5e-3)
     assert calm["mean_miss_run"] is None and calm["miss_correlation"] is None and calm["p99_miss_run"] == 0
 
 
 def test_character_finds_the_channel_that_made_the_losses() -> None:
-    found = characterise(lossy(), 0.1, 1.0)  # 32768 loops
+    found = characterise(lossy(), Load(300, 1, 0.1), 1.0)  # 32768 loops
     assert found["lost_share"] == pytest.approx(0.2, abs=1e-6)
     assert found["gilbert_elliott"]["p_good_to_bad"] == pytest.approx(0.05, abs=0.006)
     assert found["gilbert_elliott"]["p_bad_to_good"] == pytest.approx(0.2, abs=0.025)
@@ -116,12 +117,15 @@ def test_advice_gains_on_a_deadline_that_is_too_long(advice: Advice) -> None:
 
 def test_stress_takes_loops_away(advice: Advice) -> None:
     rows = advice.stress.set_index("what")
-    deadline, network = float(advice.recommended.deadline), paper_network()
+    deadline, network = float(advice.recommended.deadline), with_edge(paper_network(), Edge(discipline="skip"))
     assert rows.loc["delay x 1.5, deadline kept", "reliability"] == pytest.approx(
-        float(network.reliability(deadline / 1.5))
+        float(network.reliability(deadline / 1.5, LOAD).share)
     )
-    assert rows.loc["missed loops x 2", "reliability"] == pytest.approx(float(network.reliability(deadline)) ** 2)
-    assert "lost messages x 2" not in rows.index  # none are lost
+    assert rows.loc["missed loops x 2", "reliability"] == pytest.approx(
+        float(network.reliability(deadline, LOAD).share) ** 2
+    )
+    kept = network.reliability(np.inf, LOAD).share  # what the busy worker does not drop
+    assert rows.loc["lost loops x 2", "reliability"] == pytest.approx(rows.loc["as it is", "reliability"] * kept)
     shares = rows["completed_share"]
     assert shares["delay x 1.5, deadline kept"] < shares["as it is"] < shares["as it is, deadline x 1.5"]
     assert rows.loc["as it is", "change"] == 0

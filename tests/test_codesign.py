@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, one_at_a_time, paper_network
@@ -19,8 +20,8 @@ from qocjax.codesign import run, summary
 from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.codesign import qoc_against_demand, search_curves
-from qocjax.network import Constant, LoopNetwork
-from qocjax.network.demand import Traffic
+from qocjax.network import Constant, LoopNetwork, Reliability
+from qocjax.network.demand import Demand, Traffic
 from qocjax.study.objective import Objective
 from qocjax.study.pareto import demand_front, on_front
 from qocjax.study.search import (
@@ -134,10 +135,18 @@ def test_bad_values_are_refused_by_name(name: str, make: object) -> None:
         make()  # type: ignore[operator]
 
 
+def completing(deadline: ArrayLike, tau: ArrayLike) -> Reliability:
+    return paper_network().reliability(deadline)
+
+
+def demanded(tau: np.ndarray) -> Demand:
+    return Traffic().of(tau, 2)
+
+
 def test_limits_add_their_relative_excess() -> None:
-    network, designs = paper_network(), Design(tau=np.array([0.01, 0.1]), deadline=np.array([0.2, 0.8]))
+    designs = Design(tau=np.array([0.01, 0.1]), deadline=np.array([0.2, 0.8]))
     limits = Limits(reliability=0.9, loops_per_s=50.0, uplink_kbit_s=1e9)
-    np.testing.assert_allclose(limits.of_network(designs, network, Traffic().of(designs.tau, 2)), [0.4 + 3, 0],
+    np.testing.assert_allclose(limits.of_network(designs, completing, Traffic().of(designs.tau, 2)), [0.4 + 3, 0],
                                atol=1e-4)  # fmt: skip
     collided = np.arange(40) < np.array([[0], [1], [8]])
     np.testing.assert_allclose(Limits(collision_share=0.1).of_runs(collided), [0, 0, 0.1])
@@ -149,13 +158,13 @@ def test_limits_add_their_relative_excess() -> None:
 
 
 def test_limits_known_without_simulation_narrow_the_space() -> None:
-    network, space = paper_network(), Space(BOUNDS, TAUS, (0.001, 0.8))
-    narrow = Limits(reliability=0.5, loops_per_s=60.0).narrowed(space, network, Traffic(), 2)
+    space = Space(BOUNDS, TAUS, (0.001, 0.8))
+    narrow = Limits(reliability=0.5, loops_per_s=60.0).narrowed(space, completing, demanded)
     assert narrow.tau == (0.05, 0.1) and narrow.deadline[1] == 0.8
     np.testing.assert_allclose(narrow.deadline[0], 0.2, rtol=1e-4)  # the median of the compute time
     axis = replace(space, deadline=[0.1, 0.2, 0.3], deadline_axis=True)
-    assert Limits(reliability=0.6).narrowed(axis, network, Traffic(), 2).deadline == (0.3,)
-    assert Limits(loops_per_s=1.0).narrowed(space, network, Traffic(), 2) == space  # nothing keeps it
+    assert Limits(reliability=0.6).narrowed(axis, completing, demanded).deadline == (0.3,)
+    assert Limits(loops_per_s=1.0).narrowed(space, completing, demanded) == space  # nothing keeps it
 
 
 def test_cvar_is_the_mean_of_the_worst_part() -> None:

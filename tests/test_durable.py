@@ -154,7 +154,9 @@ def test_the_median_in_passes_is_the_median(dtype: type, number: int) -> None:
 def test_the_table_does_not_depend_on_its_blocks(undisturbed: Study, monkeypatch: pytest.MonkeyPatch) -> None:
     for block in (1, 300, 1000):
         monkeypatch.setattr(table_module, "_BLOCK", block)
-        again = table_module.results_table(undisturbed.runs, GRID, paper_network(), undisturbed.scale)
+        again = table_module.results_table(
+            undisturbed.runs, GRID, paper_network().reliability(GRID.designs.deadline), undisturbed.scale
+        )
         pd.testing.assert_frame_equal(again, undisturbed.results, check_exact=True)
 
 

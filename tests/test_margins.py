@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from qocjax import Design, QocScale, Rules, Scenario, paper_network
-from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, LoopNetwork, Trace
+from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, Load, LoopNetwork, Trace, loop_times
 from qocjax.study.margins import (
     Plane,
     deadline_margin,
@@ -25,6 +25,7 @@ from qocjax.study.stress import GROWTHS, Stressed, largest_growth, stress_table
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1, deadline=0.3)
+LOAD = Load(40, 2, 0.1)
 SCALE = QocScale(1.0, 10.0)
 
 
@@ -163,22 +164,23 @@ def test_box_spans_its_bounds() -> None:
 def test_slower_network_has_the_same_draws_longer() -> None:
     network, key = paper_network(), jax.random.key(0)
     slow = Stressed(network, delay_factor=1.5)
-    np.testing.assert_allclose(slow.draw(key, 50, 2, 0.1), 1.5 * network.draw(key, 50, 2, 0.1))
-    np.testing.assert_allclose(slow.reliability([0.3, 0.45]), network.reliability([0.2, 0.3]))
+    keys = jax.random.split(key, 3)
+    np.testing.assert_allclose(loop_times(slow, keys, 50, 2, 0.1), 1.5 * loop_times(network, keys, 50, 2, 0.1))
+    np.testing.assert_allclose(slow.reliability([0.3, 0.45], LOAD).share, network.reliability([0.2, 0.3]).share)
 
 
 def test_doubled_losses_and_misses() -> None:
     lossy = LoopNetwork(uplink=Leg(loss=GilbertElliott(0.05, 0.25)), compute=Constant(0.1), name="bursts")
     p = 0.05 / 0.3
     double = Stressed(lossy, double_losses=True)
-    assert double.reliability(0.2) == pytest.approx((1 - p) ** 2)
-    lost = ~np.isfinite(double.draw(jax.random.key(1), 40_000, 1, 0.1))[:, 0]
+    assert double.reliability(0.2, LOAD).share == pytest.approx((1 - p) ** 2)
+    lost = ~np.isfinite(loop_times(double, jax.random.key(1)[None], 40_000, 1, 0.1))[0, :, 0]
     assert lost.mean() == pytest.approx(1 - (1 - p) ** 2, abs=0.02)
     assert lost[1:][lost[:-1]].mean() > 0.6  # still in bursts; independent ones would follow at 0.31
     paper = paper_network()
     missing = Stressed(paper, miss_deadline=0.2)
-    assert missing.reliability(0.2) == pytest.approx(float(paper.reliability(0.2)) ** 2)
-    times = np.asarray(missing.draw(jax.random.key(2), 20_000, 1, 0.1))
+    assert missing.reliability(0.2, LOAD).share == pytest.approx(float(paper.reliability(0.2).share) ** 2)
+    times = np.asarray(loop_times(missing, jax.random.key(2)[None], 20_000, 1, 0.1))
     assert (times <= 0.2).mean() == pytest.approx(0.25, abs=0.015)
     assert Stressed(Trace([0.1, 0.2], "t"), 2.0).describe()["network"]["name"] == "t"
 
@@ -194,7 +196,7 @@ def test_slack_answers_what_is_asked() -> None:
     assert row.iloc[0] > 0.3 > row.iloc[-1]
     assert np.interp(found.largest_delay.value, row.index, row) == pytest.approx(0.3, abs=1e-6)
     own = find_slack(objective, BASE, 0.6, range(4), Asked(share=0.1, delays=3))
-    here = float(paper_network().reliability(0.3))
+    here = float(paper_network().reliability(0.3).share)
     cell = own.plane.set_index(["reliability", "delay"])["qoc"][here, 0.3]
     assert own.target == pytest.approx(0.9 * cell) and own.reliability == here and own.delay == 0.3
 

@@ -169,6 +169,8 @@ def test_negate_turns_dark_and_light(tmp_path):
 
 
 def test_mode_scale_spreads_what_is_between(tmp_path):
+    for mode in ("trinary", "Trinary", "TRINARY"):  # Nav2 lowers the word
+        assert np.array_equal(read_map(write(tmp_path, YAML + f"mode: {mode}\n")).cost, read_map(write(tmp_path)).cost)
     path = write(tmp_path, YAML + "mode: scale\n")
     np.testing.assert_array_equal(read_map(path).cost, [[0, 0, 0, 0, 254], [254, 0, 0, 0, 0]])
     # occ 0.6471 is 99 of 100 between the thresholds, 0.1961 is 0 of 100: 254 · 99 / 100 = 251.46.

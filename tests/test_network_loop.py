@@ -53,7 +53,7 @@ def _loop(up: DelayLaw, compute: DelayLaw, down: DelayLaw, loss: float = 0.0) ->
 
 def test_paper_reliability_is_the_truncated_normal() -> None:
     expected = stats.truncnorm(-4.0, math.inf, 0.20, 0.05).cdf(DEADLINES * (1 + 1e-6))
-    np.testing.assert_allclose(paper_network().reliability(DEADLINES), expected, atol=1e-12)
+    np.testing.assert_allclose(paper_network().reliability(DEADLINES).share, expected, atol=1e-12)
 
 
 def test_constant_legs_shift_exactly_and_losses_multiply() -> None:
@@ -65,12 +65,12 @@ def test_constant_legs_shift_exactly_and_losses_multiply() -> None:
         name="shifted",
     )
     expected = (1 - 0.25 * 0.8) * 0.9 * law.cdf(DEADLINES * (1 + 1e-6) - 0.05)
-    np.testing.assert_allclose(network.reliability(DEADLINES), expected, atol=1e-12)
+    np.testing.assert_allclose(network.reliability(DEADLINES).share, expected, atol=1e-12)
 
 
 def test_constant_loop_is_a_step_that_includes_its_deadline() -> None:
     network = _loop(Constant(0.1), Constant(0.2), Constant(0.0), loss=0.25)
-    np.testing.assert_array_equal(network.reliability([0.2999, 0.3, 0.4]), [0.0, 0.75, 0.75])
+    np.testing.assert_array_equal(network.reliability([0.2999, 0.3, 0.4]).share, [0.0, 0.75, 0.75])
 
 
 @pytest.mark.parametrize("shapes", [(2.0, 3.0, 4.0), (0.5, 20.0, 0.3), (1.0, 1.0, 60.0)])
@@ -105,7 +105,7 @@ def test_sum_of_samples_is_exact() -> None:
     at = np.arange(60) / 1000.0
     network = _loop(Empirical(parts[0]), Empirical(parts[1]), Empirical(parts[2]))
     expected = [np.mean(completes(every, deadline)) for deadline in at]
-    np.testing.assert_allclose(network.reliability(at), expected, atol=1e-12)
+    np.testing.assert_allclose(network.reliability(at).share, expected, atol=1e-12)
 
 
 def test_atom_plus_density_keeps_the_steep_step() -> None:
@@ -124,8 +124,8 @@ def test_draws_follow_the_reliability(network: LoopNetwork) -> None:
     at = np.quantile(times[np.isfinite(times)], [0.02, 0.2, 0.5, 0.8, 0.98])
     share = np.stack([completes(times, deadline).mean(axis=1).ravel() for deadline in at])
     spread = stats.sem(share, axis=1) + 1e-9
-    assert np.all(np.abs(share.mean(axis=1) - network.reliability(at)) < 4.0 * spread + 1e-4)
-    lost = 1.0 - float(network.reliability(np.inf))
+    assert np.all(np.abs(share.mean(axis=1) - network.reliability(at).share) < 4.0 * spread + 1e-4)
+    lost = 1.0 - float(network.reliability(np.inf).share)
     assert np.isinf(times).mean() == pytest.approx(
         lost, abs=4.0 * stats.sem(np.isinf(times).mean(axis=1).ravel()) + 1e-9
     )
@@ -152,10 +152,10 @@ def test_legs_and_robots_are_independent() -> None:
 @pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
 def test_networks_keep_the_interface(network: LoopNetwork) -> None:
     assert isinstance(network, Network) and isinstance(hash(network), int)
-    grid = network.reliability(DEADLINES.reshape(7, 23))
+    grid = network.reliability(DEADLINES.reshape(7, 23)).share
     assert grid.shape == (7, 23) and grid.dtype == np.float64
     assert np.all(np.diff(grid.ravel()) >= -1e-12) and grid.min() >= 0.0 and grid.max() <= 1.0
-    assert np.ndim(network.reliability(0.2)) == 0
+    assert np.ndim(network.reliability(0.2).share) == 0
     description = json.loads(json.dumps(network.describe(), allow_nan=False))
     assert description["name"] == network.name
 
@@ -181,9 +181,9 @@ def test_kth_5g_medians_add_up() -> None:
     assert up.quantile(0.5) == pytest.approx(5.6e-3, abs=2e-5) and down.quantile(0.5) == pytest.approx(
         5.58e-3, abs=3e-5
     )
-    assert network.reliability(0.2) < paper_network().reliability(0.19)
-    assert network.reliability(0.23) > paper_network().reliability(0.2)
-    assert kth_5g_network(uplink_loss=0.1).reliability(0.5) == pytest.approx(0.9, abs=1e-6)
+    assert network.reliability(0.2).share < paper_network().reliability(0.19).share
+    assert network.reliability(0.23).share > paper_network().reliability(0.2).share
+    assert kth_5g_network(uplink_loss=0.1).reliability(0.5).share == pytest.approx(0.9, abs=1e-6)
 
 
 def test_bad_arguments_are_named() -> None:

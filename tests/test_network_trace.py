@@ -70,10 +70,12 @@ def test_a_seed_does_not_depend_on_the_others() -> None:
 
 def test_reliability_is_the_share_of_the_rows() -> None:
     trace = Trace([0.1, 0.3, math.inf, 0.1], "few")
-    np.testing.assert_array_equal(trace.reliability([[0.09, 0.1], [0.3, math.inf]]), [[0.0, 0.5], [0.75, 0.75]])
+    np.testing.assert_array_equal(trace.reliability([[0.09, 0.1], [0.3, math.inf]]).share, [[0.0, 0.5], [0.75, 0.75]])
     times = np.asarray(loop_times(_ramp(500), KEYS[:10], 500, 2, 0.01))  # each robot sees each row once
     for deadline in (0.0, 0.1, 0.25):
-        assert completes(times, deadline).mean() == pytest.approx(float(_ramp(500).reliability(deadline)), abs=1e-12)
+        assert completes(times, deadline).mean() == pytest.approx(
+            float(_ramp(500).reliability(deadline).share), abs=1e-12
+        )
 
 
 def test_lost_loops_stay_lost() -> None:

@@ -47,6 +47,7 @@ PLACES = {
     "delay": ("loop", "delay@network.compute"),
     "loss": ("loop", "loss@network.uplink.loss"),
     "profile": ("dds", "profile@network.uplink.profile"),
+    "edge": ("loop", "edge@network.edge"),
 }
 COMMANDS = sorted(path.stem for path in CONF.glob("*.yaml"))
 MAPS = CONF / "maps"  # what scenarios name, no choices
@@ -283,7 +284,7 @@ def test_files_can_be_read_and_agree(study: tuple[subprocess.CompletedProcess[st
 def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: Path) -> None:
     done = sweep(["--help"], tmp_path, environment)
     assert done.returncode == 0, done.stderr
-    for text in ("network: dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
+    for text in ("network: cell, dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
         assert text in done.stdout
     assert list(tmp_path.iterdir()) == []
 

@@ -17,7 +17,7 @@ import pytest
 from matplotlib.image import imread
 
 from qocjax import Design, Rules, Scenario, Study, one_at_a_time, paper_network, replay, simulate
-from qocjax.batch.runner import draw_seeds
+from qocjax.batch.drawing import draw_seeds
 from qocjax.navigation import Grid
 from qocjax.navigation.maps import LETHAL, Rectangle, map_of_shapes
 from qocjax.report import StudyPage, hall_map, study_page, write_study_report
@@ -89,14 +89,14 @@ def test_loops_that_vary_with_the_period_are_drawn_for_each() -> None:
         def draw(self, key: jax.Array, num_ticks: int, num_robots: int, tau: float) -> jax.Array:
             return jax.random.uniform(key, (num_ticks, num_robots)) * tau
 
-    start, times, _ = draw_all(SCENARIO, Plain(), 5, 0, {0.05: 160, 0.2: 40})
-    for tau, count in ((0.05, 160), (0.2, 40)):
+    start, times, _ = draw_all(SCENARIO, Plain(), 5, 0, [Design(tau=0.05), Design(tau=0.2)], [160, 40])
+    for row, (tau, count) in enumerate(((0.05, 160), (0.2, 40))):
         one = draw_seeds(
             jax.numpy.asarray(SCENARIO.start), SCENARIO.start_jitter, Plain(), np.array([5]), 0, count, tau
         )
         np.testing.assert_array_equal(start, one.start[0])
-        np.testing.assert_array_equal(times[tau][:count], one.loop_times[0])
-        assert np.isinf(times[tau][count:]).all() and len(times[tau]) == 160
+        np.testing.assert_array_equal(times[row, :count], one.network[0])
+        assert np.isinf(times[row, count:]).all() and len(times[row]) == 160
 
 
 def test_hold_times_follow_from_the_loops_that_complete() -> None:

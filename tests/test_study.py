@@ -98,7 +98,7 @@ def test_results_are_the_means_over_robots_then_seeds(study: Study, grid: Grid) 
     np.testing.assert_allclose(results["qoc"], by_seed.mean(axis=1)[grid.design])
     np.testing.assert_allclose(results["qoc_se"], stats.sem(by_seed, axis=1)[grid.design])
     np.testing.assert_allclose(results["auc_se"], stats.sem(auc.mean(axis=2), axis=1)[grid.design])
-    np.testing.assert_allclose(results["reliability"], paper_network().reliability(grid.deadline))
+    np.testing.assert_allclose(results["reliability"], paper_network().reliability(grid.deadline).share)
     np.testing.assert_allclose(results["collision_share"], runs["collided"].mean("seed").values[grid.design])
     assert results["qoc"].between(0, 1, inclusive="right").all()
     for name in NAMES:
@@ -166,11 +166,12 @@ def test_arrivals_and_diverged_runs_in_the_table(study: Study) -> None:
     runs["arrival_time"] = (("design", "seed", "robot"), time)
     auc = np.array([[[1.0, 3.0], [2.0, np.nan], [np.inf, 1.0], [4.0, 1.0]]])
     runs["auc"] = (("design", "seed", "robot"), auc)
-    row = results_table(runs, small, paper_network(), QocScale.of(auc)).iloc[0]
+    share = paper_network().reliability(small.designs.deadline)
+    row = results_table(runs, small, share, QocScale.of(auc)).iloc[0]
     assert (row["arrived_share"], row["arrival_time"]) == (0.75, 3.0)
     np.testing.assert_allclose(row["arrival_time_se"], stats.sem([3.0, 2.0, 4.0]))
     assert row["diverged_share"] == 0.5
     scores = qoc_by_seed(runs, QocScale.of(auc))[0]  # J_med 1.5 s, J_max 4 s: a diverged robot counts as J_max
     np.testing.assert_allclose(scores[1], (1 / (1 + 2 / 1.5) + 1 / (1 + 4 / 1.5)) / 2)
     runs["arrival_time"] = xr.full_like(runs["arrival_time"], np.inf)
-    assert results_table(runs, small, paper_network(), QocScale.of(auc)).iloc[0]["arrival_time"] == np.inf
+    assert results_table(runs, small, share, QocScale.of(auc)).iloc[0]["arrival_time"] == np.inf

@@ -24,6 +24,7 @@ import qocjax
 from qocjax import Design, Scenario, paper_network
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
+from qocjax.network.interface import exactly
 from qocjax.network.schedule import Rules
 from qocjax.study.validation import (
     REGIMES,
@@ -208,7 +209,7 @@ def test_repetitions_without_seeds_vary_by_themselves_and_one_alone_does_not() -
 
 def test_tables_of_a_comparison_say_what_was_found() -> None:
     s, e = curve(SHAPE, 0.1, 1), curve(SHAPE + np.arange(7.0) / 2, 0.1, 2)
-    found = compare(s, e, lambda delays: np.asarray(delays) / 0.8)
+    found = compare(s, e, lambda delays: exactly(np.asarray(delays) / 0.8))
     table = found.curve
     np.testing.assert_allclose(table["difference"], normalised(s.mean) - normalised(e.mean))
     np.testing.assert_allclose(table["reliability"], DELAYS / 0.8)
@@ -455,7 +456,7 @@ def test_recorded_runs_are_points_at_the_delays_that_their_stamps_tell(
     reads = points[points["left_out"] == ""]
     np.testing.assert_allclose(reads["d_cfg"], reads["delay"], atol=0.002)
     late = reads.groupby("delay")["late_share"].mean()
-    np.testing.assert_allclose(late, 1.0 - NET.reliability(np.array([0.17, 0.31, 0.61])), atol=0.06)
+    np.testing.assert_allclose(late, 1.0 - NET.reliability(np.array([0.17, 0.31, 0.61])).share, atol=0.06)
     assert (points["left_out"] != "").sum() == 1
     binned = validate(*where, "validation.delay_ms=null", "measured.bin_ms=20").validation.measured
     np.testing.assert_allclose(binned.delays, [0.16, 0.3, 0.6])

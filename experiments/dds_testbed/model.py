@@ -32,7 +32,7 @@ def model_of(case: Case) -> DdsNetwork:
         name: Topic(leg.delay, leg.loss, profile=profile, payload=PAYLOAD[name], in_order=config.in_order)
         for name, leg in (("uplink", legs.uplink), ("downlink", legs.downlink))
     }
-    return DdsNetwork(**topics, compute=legs.compute, name=case.name, period=config.loop.tau)
+    return DdsNetwork(**topics, compute=legs.compute, name=case.name)
 
 
 @partial(jax.jit, static_argnames=("network", "ticks", "robots", "tau", "seconds"))

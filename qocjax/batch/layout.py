@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from qocjax.network.interface import general_length
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.scenario import num_ticks
 
-__all__ = ["LANES", "Batch", "Group", "batches_of", "general_length", "groups_of"]
+__all__ = ["LANES", "Batch", "Group", "batches_of", "groups_of"]
 
 # Seeds of one batch: whole vector registers, and few enough that their schedule stays in cache beside many designs.
 LANES = 32
@@ -102,11 +103,6 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
         else group
         for group in groups
     ]
-
-
-def general_length(ticks: int) -> int:
-    """Ticks of the general program that a run of that many is put on."""
-    return 2048 * _next_power(-(-ticks // 2048), 2)
 
 
 def batches_of(

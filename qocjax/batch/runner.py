@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,19 +11,21 @@ import numpy as np
 from jax import Array
 
 from qocjax._math import EXACT, AngleMath, angle_math
-from qocjax.batch.layout import Batch, general_length
+from qocjax.batch.drawing import Chance, draw_length, draw_seeds
+from qocjax.batch.layout import Batch, Group
 from qocjax.batch.once import Once
 from qocjax.batch.xla import compiled
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
-from qocjax.network.interface import Network
+from qocjax.network.contention import contended, source_of, split
+from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
 from qocjax.scenario import CONTINUOUS, Design, Scenario
 from qocjax.simulate import check_start
 
-__all__ = ["Drawn", "Measure", "Runner", "draw_seeds", "metrics"]
+__all__ = ["Drawn", "Measure", "Runner", "metrics"]
 
 # What is measured of a batch: (scenario, design, what its seeds drew, ticks within the horizon, plan) -> arrays
 # [N, designs, seeds] or [designs, seeds]. Hashable, since programs are kept by it.
@@ -32,50 +33,16 @@ Measure = Callable[[Scenario, Design, "Drawn", Array, Plan], dict[str, Array]]
 
 _programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process, each for one device
 
+# Loop times that are worked out at once where they depend on the deadline: about 128 MiB.
+_AT_ONCE = 1 << 25
+
 
 class Drawn(NamedTuple):
-    """What Monte Carlo seeds fix."""
+    """What the runs of a batch have in common."""
 
-    start: Array  # start poses
-    loop_times: Array  # T_net (s)
-    keys: Array  # words of a random key, for controllers that draw
-
-
-@partial(jax.jit, static_argnames=("jitter", "network", "num_ticks", "tau"))
-def draw_seeds(
-    start: Array,
-    jitter: tuple[float, float],
-    network: Network,
-    seeds: Array,
-    key: int | Array,
-    num_ticks: int,
-    tau: float,
-) -> Drawn:
-    """What Monte Carlo seeds fix; a seed's draws do not depend on which others are drawn with it.
-
-    Args:
-        start: [N, 3] nominal start poses.
-        jitter: Standard deviation of position (m) and heading (rad) (model, section 1).
-        network: Where loop times come from.
-        seeds: [S] whole numbers.
-        key: Root of all random numbers.
-        num_ticks: P.
-        tau: Sampling period (s).
-
-    Returns:
-        [S, N, 3] start poses and [S, P, N] loop times, in JAX's default float type, and [S, 2] words of keys.
-    """
-    spread = jnp.asarray([jitter[0], jitter[0], jitter[1]], start.dtype)
-    root = jax.random.key(key)
-
-    def draw(seed: Array) -> Drawn:
-        of_seed = jax.random.fold_in(root, seed)
-        of_start, of_network = jax.random.split(of_seed)
-        noise = jax.random.normal(of_start, start.shape, start.dtype)
-        times = network.draw(of_network, num_ticks, start.shape[0], tau)
-        return Drawn(start + noise * spread[None, :], times, jax.random.key_data(jax.random.fold_in(of_seed, 2)))
-
-    return jax.vmap(draw)(seeds)
+    start: Array  # [N, 3, 1, S] start poses
+    loop_times: Array  # [P, N, 1, S] T_net (s)
+    keys: Array  # [1, S, 2] words of a random key, for controllers that draw
 
 
 class Runner:
@@ -102,6 +69,8 @@ class Runner:
         self.scenario: Scenario = jax.device_put(jax.tree.map(lambda a: np.asarray(a, dtype), scenario))
         self.measure, self.in_blocks = measure, in_blocks
         # The batches of one tau and one set of seeds come in a row: a few sets are enough for all workers.
+        self._chance: Once[Chance] = Once(capacity=4)
+        self._contended: Once[np.ndarray] = Once(capacity=4)
         self._drawn: Once[Drawn] = Once(capacity=4)
 
     def math(self, period: float) -> AngleMath:
@@ -111,7 +80,7 @@ class Runner:
     def run(self, batch: Batch) -> dict[str, np.ndarray]:
         """What is measured of one batch, [N, designs, seeds] or [designs, seeds]."""
         group = batch.group
-        drawn = self._drawn.get((group.tau, group.length, batch.seeds.tobytes()), lambda: self._draw(batch))
+        drawn = self._drawn.get((*_set_of(batch), self._at(group)), lambda: self._draw(batch))
         values = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in CONTINUOUS}
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
         args = (self.scenario, Design(**values, **timing), drawn, np.int32(group.ticks))
@@ -125,25 +94,73 @@ class Runner:
         return jax.tree.map(np.asarray, program(*args))
 
     def _draw(self, batch: Batch) -> Drawn:
-        """Start poses [N, 3, 1, seeds], loop times [ticks of the program, N, 1, seeds] and keys [1, seeds, 2]."""
+        """What the runs of a batch have in common, loop times for the ticks of its program."""
         group = batch.group
-        ticks, tau = group.ticks, group.tau
-        stable = getattr(self.network, "prefix_stable", False)
-        if stable and getattr(jax.config, "jax_threefry_partitionable", True):
-            ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
-        args = (self.start, self.scenario.start_jitter, self.network, self.seeds[batch.seeds], np.int32(self.key))
-        shapes = (*map(np.shape, args[::3]), self.start.dtype)
-        key = (self.network, *shapes, args[1], ticks, tau, getattr(jax.config, "jax_default_device", None))
-        program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
-        start, times, keys = program(self.start, self.seeds[batch.seeds], np.int32(self.key))
-        if np.isnan(times).any() or (np.asarray(times) < 0).any():
+        chance = self._chance.get(_set_of(batch), lambda: self._draw_chance(batch))
+        times = np.asarray(self._loop_times(batch, chance))[:, : group.ticks]
+        if np.isnan(times).any() or (times < 0).any():
             raise ValueError("network: drew NaN or a negative loop time, expected seconds >= 0 (inf where lost)")
-        poses = np.moveaxis(np.asarray(start, self.dtype), 0, -1)
+        poses = np.moveaxis(np.asarray(chance.start, self.dtype), 0, -1)
         check_start(self.scenario, poses)
         self.controller.check_start(self.scenario, poses, self.seeds[batch.seeds])
         loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
-        loops[: group.ticks, :, 0] = np.moveaxis(np.asarray(times)[:, : group.ticks], 0, -1)
-        return Drawn(*jax.device_put((poses[:, :, None, :], loops, np.asarray(keys)[None])))
+        loops[: group.ticks, :, 0] = np.moveaxis(times, 0, -1)
+        return Drawn(*jax.device_put((poses[:, :, None, :], loops, np.asarray(chance.keys)[None])))
+
+    def _draw_chance(self, batch: Batch) -> Chance:
+        """What the seeds of a batch fix."""
+        group, device = batch.group, getattr(jax.config, "jax_default_device", None)
+        ticks, tau = draw_length(self.network, group.ticks, group.tau, general_length(group.ticks))
+        network = source_of(self.network)
+        args = (self.start, self.scenario.start_jitter, network, self.seeds[batch.seeds], np.int32(self.key))
+        shapes = (*map(np.shape, args[::3]), self.start.dtype)
+        key = (network, *shapes, args[1], ticks, tau, device)
+        program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
+        return program(self.start, self.seeds[batch.seeds], np.int32(self.key))
+
+    def _loop_times(self, batch: Batch, chance: Chance) -> Any:
+        """Loop times [S, P, N] s, at the deadline of the batch where they depend on it."""
+        network = self.network
+        if not isinstance(network, SharedNetwork):
+            return chance.network
+        limits, place = self._limits(batch.group)
+        found = self._contended.get(
+            (*_set_of(batch), limits.tobytes()), lambda: self._contend(network, batch, chance, limits)
+        )
+        return found[place]
+
+    def _contend(self, network: SharedNetwork, batch: Batch, chance: Chance, limits: np.ndarray) -> np.ndarray:
+        """Loop times [D, S, P, N] s at some deadlines."""
+        group, width = batch.group, self.start.dtype
+        kind, numbers = split(network)
+        args = (numbers, chance.network, np.int32(group.ticks), np.asarray(group.tau, width), limits.astype(width))
+        leaves, structure = jax.tree.flatten(args)
+        shapes = tuple((np.shape(leaf), leaf.dtype) for leaf in leaves)
+        key = (kind, structure, shapes, getattr(jax.config, "jax_default_device", None))
+        program = _programs.get(key, lambda: compiled(contended.lower(kind, *args)))
+        return np.asarray(program(*args).loop_times)
+
+    def _limits(self, group: Group) -> tuple[np.ndarray, int]:
+        """Deadlines whose loop times are worked out together with those of a group, and where its own is.
+
+        All are of one length, so that one program does.
+        """
+        if not self._at(group):
+            return np.zeros(1), 0
+        every = np.unique(self.grid["deadline"][self.grid["tau"] == group.tau])
+        size = min(every.size, max(1, _AT_ONCE // (group.length * self.scenario.num_robots * self.seeds.size)))
+        first, place = divmod(int(np.searchsorted(every, group.deadline)), size)
+        some = every[first * size : (first + 1) * size]
+        return np.pad(some, (0, size - some.size), mode="edge"), place
+
+    def _at(self, group: Group) -> tuple[float, ...]:
+        """The deadline, where loop times depend on it."""
+        return (group.deadline,) if getattr(self.network, "uses_deadline", False) else ()
+
+
+def _set_of(batch: Batch) -> tuple[float, int, bytes]:
+    """What is the same for all batches that share what chance decides."""
+    return batch.group.tau, batch.group.length, batch.seeds.tobytes()
 
 
 def metrics(scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan) -> dict[str, Array]:

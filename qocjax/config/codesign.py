@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 from qocjax.config.bounds import BoundsConfig
 from qocjax.config.part import Part
@@ -81,6 +82,8 @@ class CodesignConfig(SweptConfig):
     limits: LimitsConfig
     traffic: TrafficConfig
     front: FrontConfig | None
+
+    usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
 
     def build_space(self) -> Space:
         """Where the search moves.

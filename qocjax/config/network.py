@@ -1,150 +1,22 @@
-"""Configuration of networks: one model for each delay law, loss process and kind of network."""
+"""Configuration of networks: one model for each kind."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from qocjax.config.cell import CellConfig
+from qocjax.config.delay import Delay, EdgeConfig, LegConfig
 from qocjax.config.part import Part
-from qocjax.network import (
-    Constant,
-    Empirical,
-    GilbertElliott,
-    IndependentLoss,
-    Leg,
-    LoopNetwork,
-    QuantileTable,
-    ShiftedGamma,
-    ShiftedLogNormal,
-    Trace,
-    TruncatedNormal,
-    kth_5g_network,
-    read_histogram,
-    read_samples,
-    read_trace,
-)
+from qocjax.network import LoopNetwork, Network, Trace, kth_5g_network, read_trace, with_edge
 from qocjax.network.dds import DdsNetwork, Profile, Topic
+from qocjax.recorded.as_trace import read_file, trace_of
+from qocjax.recorded.formats import FORMATS, found_format
+from qocjax.recorded.run import RecordedRun
 
 __all__ = ["NetworkConfig"]
-
-
-class ConstantDelay(Part):
-    """The same delay for every message."""
-
-    law: Literal["constant"]
-    value: float
-
-    def build(self) -> Constant:
-        """The law."""
-        return Constant(self.value)
-
-
-class TruncatedNormalDelay(Part):
-    """Normal, cut at `low` and `high`."""
-
-    law: Literal["truncated_normal"]
-    mean: float
-    std: float
-    low: float = 0.0
-    high: float = float("inf")
-
-    def build(self) -> TruncatedNormal:
-        """The law."""
-        return TruncatedNormal(self.mean, self.std, self.low, self.high)
-
-
-class GammaDelay(Part):
-    """Gamma above a shift."""
-
-    law: Literal["gamma"]
-    shift: float
-    shape: float
-    scale: float
-
-    def build(self) -> ShiftedGamma:
-        """The law."""
-        return ShiftedGamma(self.shift, self.shape, self.scale)
-
-
-class LogNormalDelay(Part):
-    """Log-normal above a shift."""
-
-    law: Literal["log_normal"]
-    shift: float
-    median: float
-    sigma: float
-
-    def build(self) -> ShiftedLogNormal:
-        """The law."""
-        return ShiftedLogNormal(self.shift, self.median, self.sigma)
-
-
-class SamplesDelay(Part):
-    """A column of measured delays."""
-
-    law: Literal["samples"]
-    path: str
-    column: str
-    unit: str
-    separator: str | None = None
-
-    def build(self) -> Empirical:
-        """The law."""
-        return read_samples(self.path, self.column, self.unit, separator=self.separator)
-
-
-class HistogramDelay(Part):
-    """A measured histogram (XML, bins in ms)."""
-
-    law: Literal["histogram"]
-    path: str
-
-    def build(self) -> QuantileTable:
-        """The law."""
-        return read_histogram(self.path)
-
-
-Delay = Annotated[
-    ConstantDelay | TruncatedNormalDelay | GammaDelay | LogNormalDelay | SamplesDelay | HistogramDelay,
-    Field(discriminator="law"),
-]
-
-
-class IndependentLossConfig(Part):
-    """Each message lost with the same probability."""
-
-    process: Literal["independent"]
-    probability: float
-
-    def build(self) -> IndependentLoss:
-        """The process."""
-        return IndependentLoss(self.probability)
-
-
-class GilbertElliottConfig(Part):
-    """Losses in bursts."""
-
-    process: Literal["gilbert_elliott"]
-    p_good_to_bad: float
-    p_bad_to_good: float
-    loss_good: float = 0.0
-    loss_bad: float = 1.0
-
-    def build(self) -> GilbertElliott:
-        """The process."""
-        return GilbertElliott(self.p_good_to_bad, self.p_bad_to_good, self.loss_good, self.loss_bad)
-
-
-class LegConfig(Part):
-    """One direction."""
-
-    delay: Delay
-    loss: Annotated[IndependentLossConfig | GilbertElliottConfig, Field(discriminator="process")]
-
-    def build(self) -> Leg:
-        """The leg."""
-        return Leg(self.delay.build(), self.loss.build())
 
 
 class LoopNetworkConfig(Part):
@@ -155,12 +27,14 @@ class LoopNetworkConfig(Part):
     uplink: LegConfig
     compute: Delay
     downlink: LegConfig
+    edge: EdgeConfig
 
-    def build(self) -> LoopNetwork:
+    def build(self) -> Network:
         """The network."""
-        return LoopNetwork(
+        path = LoopNetwork(
             uplink=self.uplink.build(), compute=self.compute.build(), downlink=self.downlink.build(), name=self.name
         )
+        return with_edge(path, self.edge.build())
 
 
 class Kth5gConfig(Part):
@@ -171,10 +45,12 @@ class Kth5gConfig(Part):
     compute_std: float
     uplink_loss: float
     downlink_loss: float
+    edge: EdgeConfig
 
-    def build(self) -> LoopNetwork:
+    def build(self) -> Network:
         """The network."""
-        return kth_5g_network(self.compute_mean, self.compute_std, self.uplink_loss, self.downlink_loss)
+        path = kth_5g_network(self.compute_mean, self.compute_std, self.uplink_loss, self.downlink_loss)
+        return with_edge(path, self.edge.build())
 
 
 class TraceConfig(Part):
@@ -182,8 +58,8 @@ class TraceConfig(Part):
 
     kind: Literal["trace"]
     path: str
-    column: str
-    unit: str
+    column: str | None = None
+    unit: str | None = None
     sequence: str | None = None
     gaps_are_lost: bool = False
     separator: str | None = None
@@ -193,7 +69,22 @@ class TraceConfig(Part):
     faster_than_measured: bool = False  # whether `SimulationConfig.check_rate` lets it pass
 
     def build(self) -> Trace:
-        """The network."""
+        """The network; without a column, what is in the file."""
+        if self.column is None:
+            given = [name for name in ("sequence", "separator", "stamp") if getattr(self, name) is not None]
+            if given:
+                raise ValueError(f"network.column: got nothing with {given[0]}, expected the name of the loop times'")
+            return trace_of(self.read(), self.path, self.period)
+        try:
+            return self._table()
+        except ValueError as error:
+            kind = found_format(Path(self.path)) if "has no column" in str(error) else None
+            if kind is None:
+                raise
+            raise ValueError(f"{error}; without network.column it is read as {FORMATS[kind].TITLE}") from None
+
+    def _table(self) -> Trace:
+        assert self.column is not None
         return read_trace(
             self.path,
             self.column,
@@ -205,6 +96,10 @@ class TraceConfig(Part):
             stamp=self.stamp,
             stamp_unit=self.stamp_unit,
         )
+
+    def read(self) -> RecordedRun:
+        """What is in the file."""
+        return read_file(self.path, self.unit, self.gaps_are_lost)
 
 
 class ProfileConfig(Part):
@@ -246,12 +141,16 @@ class DdsConfig(Part):
     uplink: TopicConfig
     compute: Delay
     downlink: TopicConfig
+    edge: EdgeConfig
 
-    def build(self) -> DdsNetwork:
+    def build(self) -> Network:
         """The network."""
-        return DdsNetwork(
+        path = DdsNetwork(
             uplink=self.uplink.build(), compute=self.compute.build(), downlink=self.downlink.build(), name=self.name
         )
+        return with_edge(path, self.edge.build())
 
 
-NetworkConfig = Annotated[LoopNetworkConfig | Kth5gConfig | TraceConfig | DdsConfig, Field(discriminator="kind")]
+NetworkConfig = Annotated[
+    LoopNetworkConfig | Kth5gConfig | TraceConfig | DdsConfig | CellConfig, Field(discriminator="kind")
+]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from qocjax.config.network import DdsConfig
 from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
+from qocjax.network import Edge
 from qocjax.network.dds import DdsNetwork, Profile
 from qocjax.network.demand import Carrier
 from qocjax.quality import QocScale
@@ -54,16 +54,17 @@ class QosConfig(SimulationConfig):
     carrier: CarrierConfig
     figures: bool
 
-    def build_topics(self) -> DdsNetwork:
-        """The network.
+    def build_topics(self) -> tuple[DdsNetwork, Edge]:
+        """The network, and its edge.
 
         Raises:
             ValueError: It has no ROS 2 topics.
         """
         network = self.build_network()
-        if not isinstance(self.network, DdsConfig) or not isinstance(network, DdsNetwork):
+        path, edge = getattr(network, "path", network), getattr(network, "edge", Edge())
+        if not isinstance(path, DdsNetwork):
             raise ValueError(f"network: got {network.name!r}, expected ROS 2 topics (network=dds)")
-        return network
+        return path, edge
 
     def profiles(self) -> dict[str, dict[str, Any]]:
         """Changes to the QoS by name.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -14,7 +13,6 @@ from qocjax.config.part import Part
 from qocjax.controllers import Controller
 from qocjax.navigation import StaticMap
 from qocjax.network import Network, faster_than_measured
-from qocjax.network.dds import DdsNetwork
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
 
@@ -94,14 +92,20 @@ class SimulationConfig(Part):
     network: NetworkConfig
     key: Annotated[int, Field(ge=-(2**31), lt=2**31)]
 
+    usual_discipline: ClassVar[str] = "unlimited"
+    """Of the edge, where the configuration leaves it open."""
+
     def build_scenario(self) -> Scenario:
         """Robots and yardstick."""
         return self.scenario.build(self.robot)
 
     def build_network(self) -> Network:
         """Where loop times come from; reads files where it names any."""
-        network = self.network.build()
-        return replace(network, period=self.loop.tau) if isinstance(network, DdsNetwork) else network
+        network, edge = self.network, getattr(self.network, "edge", None)
+        if edge is not None and edge.discipline is None:
+            edge = edge.model_copy(update={"discipline": self.usual_discipline})
+            network = network.model_copy(update={"edge": edge})
+        return network.build()
 
     def rate_remark(self, network: Network, tau: float) -> str | None:
         """What is wrong with replaying a measured trace every `tau` s; None where nothing is, or it is allowed."""

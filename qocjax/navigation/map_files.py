@@ -18,6 +18,7 @@ __all__ = ["read_map"]
 _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
 _REQUIRED = _KEYS[:5]
+_OF_IMAGES = (OSError, SyntaxError)  # what Pillow raises where it cannot read one
 _OCCUPIED, _NO_INFORMATION = 100, -1  # of an occupancy grid
 RELEASES = ("jazzy", "humble")
 _LUMA = np.array([0.299, 0.587, 0.114])  # of red, green, blue in grey
@@ -190,6 +191,7 @@ class _Values:
 
     def mode(self) -> str:
         value = self.content.get("mode", "trinary")
+        value = str(value)[:80].lower()  # as Nav2's map server does
         return _checks.choice(self.at("mode"), value, _MODES) if "mode" in self.content else value
 
 

@@ -18,26 +18,34 @@ measurements. What a completed or a missed loop does to the robot is in `qocjax.
 """
 
 from qocjax.network.completion import completes, latest
+from qocjax.network.edge import Edge
+from qocjax.network.edge_network import EdgeNetwork, with_edge
 from qocjax.network.empirical import Empirical, QuantileTable
-from qocjax.network.interface import DelayLaw, LossProcess, Network, loop_times
+from qocjax.network.histograms import read_histogram
+from qocjax.network.interface import DelayLaw, Load, LossProcess, Network, Reliability, SharedNetwork, loop_times
 from qocjax.network.loop_network import Leg, LoopNetwork
 from qocjax.network.loss import GilbertElliott, IndependentLoss
 from qocjax.network.parametric import Constant, ShiftedGamma, ShiftedLogNormal, TruncatedNormal
 from qocjax.network.presets import kth_5g_network, paper_network
-from qocjax.network.readers import read_histogram, read_samples, read_trace
+from qocjax.network.readers import read_samples, read_trace
 from qocjax.network.trace import Trace, faster_than_measured
 
 __all__ = [
     "Constant",
     "DelayLaw",
+    "Edge",
+    "EdgeNetwork",
     "Empirical",
     "GilbertElliott",
     "IndependentLoss",
     "Leg",
+    "Load",
     "LoopNetwork",
     "LossProcess",
     "Network",
     "QuantileTable",
+    "Reliability",
+    "SharedNetwork",
     "ShiftedGamma",
     "ShiftedLogNormal",
     "Trace",
@@ -51,4 +59,5 @@ __all__ = [
     "read_histogram",
     "read_samples",
     "read_trace",
+    "with_edge",
 ]

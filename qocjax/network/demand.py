@@ -105,6 +105,7 @@ class Demand:
     uplink_blocks: np.ndarray  # resource blocks, a mean over time and so no whole number
     downlink_blocks: np.ndarray
     carrier_share: np.ndarray  # of the bandwidth part, the busier direction
+    workers: np.ndarray  # of the edge that are busy, in the mean over time; NaN where that is not known
 
 
 @dataclass(frozen=True)
@@ -125,16 +126,18 @@ class Traffic:
         for name in ("uplink_bytes", "downlink_bytes"):
             _checks.bounded(name, getattr(self, name), above=0, shape=())
 
-    def of(self, tau: ArrayLike, num_robots: int) -> Demand:
+    def of(self, tau: ArrayLike, num_robots: int, workers: ArrayLike = np.nan) -> Demand:
         """Demand of one loop per robot and sampling period (model, section 4).
 
         Args:
             tau: Sampling periods (s).
             num_robots: N.
+            workers: Workers of the edge that are busy in the mean, of all robots together; NaN where that is not known.
         """
         loops = _checks.count("num_robots", num_robots) / np.asarray(_checks.bounded("tau", tau, above=0), np.float64)
         up, down = 8 * self.uplink_bytes * loops, 8 * self.downlink_bytes * loops
         blocks_up = up / self.carrier.rate_per_block("uplink")
         blocks_down = down / self.carrier.rate_per_block("downlink")
         share = np.maximum(blocks_up, blocks_down) / self.carrier.resource_blocks
-        return Demand(loops, up / 1e3, down / 1e3, blocks_up, blocks_down, share)
+        busy = np.broadcast_to(np.asarray(workers, np.float64), loops.shape)
+        return Demand(loops, up / 1e3, down / 1e3, blocks_up, blocks_down, share, busy)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,40 @@ from jax import Array
 
 from qocjax import _checks
 
-__all__ = ["DelayLaw", "LossProcess", "Network", "loop_times"]
+__all__ = [
+    "Contended",
+    "DelayLaw",
+    "Load",
+    "LossProcess",
+    "Network",
+    "Reliability",
+    "Serve",
+    "SharedNetwork",
+    "exactly",
+    "general_length",
+    "is_shared",
+    "loop_times",
+]
+
+
+class Load(NamedTuple):
+    """What a network has to carry: N robots, each of which starts a loop every tau, P times."""
+
+    num_ticks: int
+    num_robots: int
+    tau: float  # s
+
+
+class Reliability(NamedTuple):
+    """Loop-completion probability F with its standard error, float64, each of the shape of the deadlines."""
+
+    share: np.ndarray
+    error: np.ndarray  # 0 where F is known from a law, and not from simulated loops
+
+
+def exactly(share: np.ndarray) -> Reliability:
+    """F without an error."""
+    return Reliability(share, np.zeros(np.shape(share)))
 
 
 @runtime_checkable
@@ -55,7 +89,7 @@ class LossProcess(Protocol):
 
 
 @runtime_checkable
-class Network(Protocol):
+class Network(Hashable, Protocol):
     """Where loop times come from (model, section 4).
 
     One object stands for the whole path of a loop: the two directions and the compute between them. It may be a
@@ -64,7 +98,7 @@ class Network(Protocol):
 
     Implementations are immutable and hashable, so that `jax.jit` can hold them as static arguments. One whose row p
     depends neither on `num_ticks` nor on `tau` may say so by an attribute `prefix_stable = True`: fewer programs are
-    then compiled to draw from it.
+    then compiled to draw from it. One in which loops get into each other's way is a `SharedNetwork`.
     """
 
     @property
@@ -72,7 +106,7 @@ class Network(Protocol):
         """Short name for labels and file names."""
         ...
 
-    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
         """Draws the loop times of one Monte Carlo seed.
 
         A pure function of its arguments that works under `jax.jit` and, over `key`, under `jax.vmap`. All arguments
@@ -89,14 +123,12 @@ class Network(Protocol):
         """
         ...
 
-    def reliability(self, deadline: Any) -> np.ndarray:
-        """Returns the loop-completion probability F(deadline) (paper, Eq. 12).
+    def reliability(self, deadline: Any, load: Load) -> Reliability:
+        """Returns the loop-completion probability F(deadline) (paper, Eq. 12) under a load.
 
         Args:
             deadline: Deadlines in s, any shape.
-
-        Returns:
-            Probabilities in float64, the shape of `deadline`.
+            load: What the network carries. A network of which loops do not get into each other's way need not read it.
         """
         ...
 
@@ -105,7 +137,62 @@ class Network(Protocol):
         ...
 
 
-def loop_times(network: Network, keys: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+Serve = Callable[[Array, Array], Array]
+"""Arrival at the edge and computing time, [S, P, N] s each, to the end of the computation, [D, S, P, N] s."""
+
+
+class Contended(NamedTuple):
+    """What becomes of the loops of some seeds at some deadlines."""
+
+    loop_times: Array  # [D, S, P, N] s, inf for a lost loop
+    usage: dict[str, Array]  # [D, S] of each thing that is scarce, the share of it that is in use within the run
+    began: Array  # [D, S, P, N] s from sampling until the computation begins, inf where none does
+    busy: Array  # [D, S, P, N] s that a worker spends on it
+
+
+@runtime_checkable
+class SharedNetwork(Network, Protocol):
+    """A network whose loops compete for workers or for the air (model, sections 12 and 13).
+
+    It comes in two steps. `draw` gives what chance alone decides, as a pytree of arrays in place of the loop times:
+    designs of one tau share it, whatever else differs. `contend` works out what becomes of the loops. Where that does
+    not depend on the deadline (`uses_deadline` is false) it is done once for all deadlines, so that designs of one tau
+    share the loop times too.
+    """
+
+    @property
+    def uses_deadline(self) -> bool:
+        """Whether loop times depend on the deadline."""
+        ...
+
+    def contend(self, drawn: Any, num_ticks: Array | int, tau: Array | float, deadline: Array) -> Contended:
+        """Works out the loops of all seeds at all deadlines; works under `jax.jit`, where all arguments may be traced.
+
+        Args:
+            drawn: From `draw`, for each seed: every leaf has an axis [S] before its own. It may hold more ticks.
+            num_ticks: P; loops from there on are not started, and their times are infinite.
+            tau: Sampling period (s).
+            deadline: [D] s.
+        """
+        ...
+
+
+def is_shared(network: Network) -> bool:
+    """Whether the network's loops compete, so that what it draws are no loop times yet."""
+    return isinstance(network, SharedNetwork)
+
+
+def general_length(ticks: int) -> int:
+    """Ticks of the general program that draws or simulates a run of that many."""
+    length = 2048
+    while length < ticks:
+        length *= 2
+    return length
+
+
+def loop_times(
+    network: Network, keys: Array, num_ticks: int, num_robots: int, tau: float, deadline: float | None = None
+) -> Array:
     """Draws the loop times of a study, once for all its designs (common random numbers; model, section 4).
 
     Row s depends on `keys[s]` alone, so a Monte Carlo seed is the same whichever seeds are drawn with it.
@@ -116,22 +203,31 @@ def loop_times(network: Network, keys: Array, num_ticks: int, num_robots: int, t
         num_ticks: Number P of loops started by each robot.
         num_robots: Number N of robots.
         tau: Sampling period in s.
+        deadline: Delta in s, for a network whose loop times depend on it.
 
     Returns:
         Loop times T_net in s, [S, P, N], infinite for a lost loop.
 
     Raises:
         TypeError: `keys` are no typed keys, or a count is no whole number.
-        ValueError: `keys` is not 1-D, a count is below 1, or `tau` is not positive and finite.
+        ValueError: `keys` is not 1-D, a count is below 1, `tau` is not positive and finite, or there is no deadline
+            where the loop times depend on it.
     """
     if not (hasattr(keys, "dtype") and jnp.issubdtype(keys.dtype, jax.dtypes.prng_key)):
         raise TypeError(f"keys: got {type(keys).__name__} of no key type, expected typed keys, as of jax.random.key")
     if keys.ndim != 1:
         raise ValueError(f"keys: got shape {keys.shape}, expected one key for each seed, (S,)")
     ticks, robots = _checks.count("num_ticks", num_ticks), _checks.count("num_robots", num_robots)
-    return _draw_seeds(network, keys, ticks, robots, float(_checks.bounded("tau", tau, above=0.0)))
+    period = float(_checks.bounded("tau", tau, above=0.0))
+    if deadline is None and getattr(network, "uses_deadline", False):
+        raise ValueError(f"deadline: got None for {network.name!r}, whose loop times depend on it, expected s")
+    at = jnp.asarray([0.0 if deadline is None else _checks.bounded("deadline", deadline, least=0.0, shape=())], float)
+    return _draw_seeds(network, keys, at, ticks, robots, period)
 
 
 @partial(jax.jit, static_argnames=("network", "num_ticks", "num_robots", "tau"))
-def _draw_seeds(network: Network, keys: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
-    return jax.vmap(lambda key: network.draw(key, num_ticks, num_robots, tau))(keys)
+def _draw_seeds(network: Network, keys: Array, deadline: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+    drawn = jax.vmap(lambda key: network.draw(key, num_ticks, num_robots, tau))(keys)
+    if not isinstance(network, SharedNetwork):
+        return drawn
+    return network.contend(drawn, num_ticks, tau, deadline).loop_times[0]

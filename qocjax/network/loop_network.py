@@ -8,13 +8,12 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from qocjax.network._fields import no_nan
 from qocjax.network.completion import latest
 from qocjax.network.convolution import DelaySum, add
-from qocjax.network.interface import DelayLaw, LossProcess
+from qocjax.network.interface import DelayLaw, Load, LossProcess, Reliability, Serve, exactly
 from qocjax.network.loss import IndependentLoss
 from qocjax.network.parametric import Constant
 
@@ -67,17 +66,32 @@ class LoopNetwork:
         if not isinstance(self.compute, DelayLaw):
             raise TypeError(f"LoopNetwork.compute: got {self.compute!r}, expected a delay law")
 
-    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
-        """Draws the loop times of one Monte Carlo seed, [P, N] s, inf where lost; `tau` does not matter here."""
+    @property
+    def alike(self) -> bool:
+        """Whether all samples that arrive at the edge take the same time to."""
+        return isinstance(self.uplink.delay, Constant)
+
+    def draw_parts(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> tuple[Array, Array, Array]:
+        """Draws T_UL, T_C and T_DL of one Monte Carlo seed, each [P, N] s; `tau` does not matter here."""
         up, compute, down = jax.random.split(key, 3)
         return (
-            self.uplink.sample(up, num_ticks, num_robots)
-            + self.compute.sample(compute, (num_ticks, num_robots))
-            + self.downlink.sample(down, num_ticks, num_robots)
+            self.uplink.sample(up, num_ticks, num_robots),
+            self.compute.sample(compute, (num_ticks, num_robots)),
+            self.downlink.sample(down, num_ticks, num_robots),
         )
 
-    def reliability(self, deadline: Any) -> np.ndarray:
-        """Returns F(deadline), the share of loops that complete, float64, same shape.
+    def through(self, parts: tuple[Array, Array, Array], serve: Serve, tau: Array | float) -> Array:
+        """Loop times [D, S, P, N] s of loops that are served by an edge (see `Path` in `edge_network`)."""
+        uplink, compute, downlink = parts
+        return serve(uplink, compute) + downlink[None]
+
+    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+        """Draws the loop times of one Monte Carlo seed, [P, N] s, inf where lost; `tau` does not matter here."""
+        uplink, compute, downlink = self.draw_parts(key, num_ticks, num_robots, tau)
+        return uplink + compute + downlink
+
+    def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
+        """Returns F(deadline), the share of loops that complete; it does not depend on the load.
 
         Exact where at most one delay is random, else to 1e-4 for laws with a smooth density (see `convolution.add`).
 
@@ -85,7 +99,7 @@ class LoopNetwork:
             ValueError: A deadline is NaN.
         """
         arrive = (1.0 - self.uplink.loss.probability) * (1.0 - self.downlink.loss.probability)
-        return arrive * self._loop_law.cdf(latest(no_nan("deadline", deadline)))
+        return exactly(arrive * self._loop_law.cdf(latest(no_nan("deadline", deadline))))
 
     def describe(self) -> dict[str, Any]:
         """Returns the network as plain values."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["SEND_TIMES", "epoch_unit", "header_unit", "is_send_time", "period_of"]
+from qocjax.network.values import header_unit
+
+__all__ = ["SEND_TIMES", "epoch_unit", "is_send_time", "period_of", "unlikely"]
 
 SEND_TIMES = (
     "source_stamp", "uplink_send", "send_timestamp", "send_stamp", "send_time", "sent_time", "sent", "send", "t_send",
@@ -18,16 +19,9 @@ SEND_TIMES = (
 
 _EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}  # 2001; a time since 1970 lies within six times that
 _LONG = 10.0  # times the interval that nine of ten keep within; a longer one is a gap
+_QUICKEST = 1e-5  # s, of a loop through any network
+_ENOUGH = 10  # loops to say something of their unit
 _BURSTY = 1.5  # mean over median of the intervals, or its inverse; beyond, messages go out in bursts
-
-
-def header_unit(name: str) -> tuple[str, str | None]:
-    """Splits `pub_time(ms)`, `delay [us]` or `rtt_ms` into the name and its unit, None where it has none."""
-    found = re.fullmatch(r"(.*?)\s*(?:[(\[]\s*(s|sec|ms|msec|us|usec|µs|ns|nsec)\s*[)\]]|[_.](ms|us|ns))", name.strip())
-    if found is None or not found[1]:
-        return name.strip(), None
-    unit = (found[2] or found[3]).replace("µ", "u")
-    return found[1], unit.removesuffix("ec") if unit != "sec" else "s"
 
 
 def is_send_time(name: str) -> bool:
@@ -45,28 +39,23 @@ def epoch_unit(stamps: ArrayLike) -> str | None:
     return next((unit for unit, least in _EPOCH.items() if least <= usual < 6.0 * least), None)
 
 
-def period_of(stamps: Sequence[float | None], numbers: Sequence[float] | None = None) -> float | None:
+def period_of(stamps: NDArray[np.float64], numbers: Sequence[float] | None = None) -> float | None:
     """The usual time between two loops, in the unit of the stamps, rounded.
 
     It is the median of the intervals in the order of the rows, each divided by the numbers that it spans where there
     are numbers. Where messages go out in bursts, or stamps are coarser than intervals, it is their mean without gaps.
 
     Args:
-        stamps: [n] send times; None or NaN where one is missing.
+        stamps: [n] send times, NaN where one is missing.
         numbers: [n] counts of loops; None where rows have none.
 
     Returns:
         None where fewer than two stamps increase.
     """
-    if not stamps:
-        return None
-    origin = next((each for each in stamps if each is not None and np.isfinite(each)), 0)
-    times = np.array([np.nan if each is None or each != each else float(each - origin) for each in stamps])
-    known = np.flatnonzero(np.isfinite(times))
-    interval = np.diff(times[known])
+    known = np.flatnonzero(np.isfinite(stamps))
+    interval = np.diff(stamps[known])
     if numbers is not None:
-        first = numbers[0]
-        passed = np.diff(np.array([float(each - first) for each in numbers])[known])
+        passed = np.diff(np.asarray(numbers, np.float64)[known])
         interval = interval[passed > 0.0] / passed[passed > 0.0]
     interval = interval[interval >= 0.0]
     if not interval.size or not interval.max() > 0.0:
@@ -75,6 +64,22 @@ def period_of(stamps: Sequence[float | None], numbers: Sequence[float] | None = 
     mean = float(interval[interval <= _LONG * max(np.quantile(interval, 0.9, method="lower"), median)].mean())
     usual = median if mean < _BURSTY * median and median < _BURSTY * mean else mean
     return _rounded(usual if usual > 0.0 else float(interval.mean()))
+
+
+def unlikely(delays: ArrayLike, span: float | None) -> str | None:
+    """What in loop times contradicts their unit; None where nothing does.
+
+    Args:
+        delays: [n] s, infinite where lost.
+        span: How long the recording is (s); None where unknown.
+    """
+    values = np.asarray(delays, np.float64)
+    usual = float(np.median(values[np.isfinite(values)])) if values.size >= _ENOUGH else np.nan
+    if usual < _QUICKEST:
+        return f"half of the loops take less than {1e6 * usual:.3g} us, which no network does: look at the unit"
+    if span is not None and usual > span:
+        return f"half of the loops take more than {usual:.4g} s in a recording of {span:.4g} s: look at the unit"
+    return None
 
 
 def _rounded(value: float) -> float:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from qocjax.network._fields import delay_array, no_nan, store_float
 from qocjax.network.completion import latest
 from qocjax.network.empirical import Empirical
+from qocjax.network.interface import Load, Reliability, exactly
 
 __all__ = ["Trace", "faster_than_measured"]
 
@@ -58,13 +59,13 @@ class Trace:
         start += jax.random.randint(of_robots, (num_robots,), 0, part)
         return rows[((steps % rows.size)[:, None] + start[None, :]) % rows.size]
 
-    def reliability(self, deadline: Any) -> np.ndarray:
-        """Returns the share of the loops of the trace that complete by `deadline` (s), float64, same shape.
+    def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
+        """Returns the share of the loops of the trace that complete by `deadline` (s), whatever the load.
 
         Raises:
             ValueError: A deadline is NaN.
         """
-        return self._law.cdf(latest(no_nan("deadline", deadline)))
+        return exactly(self._law.cdf(latest(no_nan("deadline", deadline))))
 
     def describe(self) -> dict[str, Any]:
         """Returns name, source, size and quantiles as plain values, not the rows."""

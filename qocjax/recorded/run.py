@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,11 @@ from qocjax.recorded.command_loops import command_loops
 from qocjax.recorded.commands import CommandReport, report_commands
 from qocjax.recorded.content import read_bag
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.formats import FORMATS, read_log
 from qocjax.recorded.judge import Quality, Yardstick
 from qocjax.recorded.latency import Latency, command_to_motion
 from qocjax.recorded.loops import ClockRules, LoopTrace, loop_trace
+from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.poses import quality
 from qocjax.recorded.series import Cleaning, clean
 from qocjax.recorded.stamps import StampsFormat, read_stamps
@@ -33,6 +35,7 @@ class RunFiles:
     bag: Path | None = None
     poses: Path | None = None  # table
     stamps: tuple[tuple[Path, Path | None], ...] = ()  # tables of stamps, each with the edge's own if there is one
+    log: tuple[Path, str] | None = None  # of a tool, and its format
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,8 @@ class Rules:
     cleaning: Cleaning = field(default_factory=Cleaning)
     yardstick: Yardstick = field(default_factory=Yardstick)
     commands_on_robot_clock: bool = True  # whether what recorded a TwistStamped command ran on the clock of its stamp
+    poses: PosesFormat = field(default_factory=PosesFormat)
+    kind: str = "auto"  # format of logs: `auto`, or one of `FORMATS`
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,8 @@ class RecordedRun:
     late: dict[str, np.ndarray]  # by topic: delay above the envelope of the clock, s; the constant part is not known
     qos: dict[str, str]  # offered, by topic
     findings: Findings
+    format: str = ""  # what kind of file it was read from, where that is a tool's
+    one_way: dict[str, np.ndarray] = field(default_factory=dict)  # delays of one direction, s, inf where lost
     latency: dict[str, Latency] = field(default_factory=dict)  # from commands to motion, by robot
 
 
@@ -75,17 +82,40 @@ def read_run(files: RunFiles, rules: Rules, *, quiet: bool = False) -> RecordedR
         ValueError: A file is not there, is not of its format, or holds nothing of what is looked for.
     """
     findings = Findings()
+    if files.log is not None:
+        return _from_log(files.name, *files.log, rules, findings)
     loops = _stamp_loops(files, rules, findings)
     content = None
     if files.bag is not None:
         content = read_bag(files.bag, rules.topics, findings, quiet=quiet)
     elif files.poses is not None:
-        content = read_pose_table(files.poses, findings, rules.topics.only)
+        content = read_pose_table(files.poses, findings, rules.topics.only, rules.poses)
     if content is None:
-        first = min(trace.epoch for trace in loops.values())
-        span = max(trace.epoch + float(trace.table["source_stamp"].iloc[-1]) for trace in loops.values()) - first
-        return RecordedRun(files.name, first, span, loops, {}, None, {}, {}, findings)
+        return RecordedRun(files.name, *_span(loops), loops, {}, None, {}, {}, findings)
     return _from_content(files.name, content, loops, rules, findings)
+
+
+def _span(loops: dict[str, LoopTrace]) -> tuple[float | None, float]:
+    """When the first loop began (s, None where that is not known), and how long they took (s, NaN likewise)."""
+    known = [trace for trace in loops.values() if trace.table["source_stamp"].notna().any()]
+    if not known:
+        return None, float("nan")
+    first = min(trace.epoch for trace in known)
+    return first or None, max(trace.epoch + float(trace.table["source_stamp"].max()) for trace in known) - first
+
+
+def _from_log(name: str, path: Path, kind: str, rules: Rules, findings: Findings) -> RecordedRun:
+    """What the log of a tool says."""
+    log = read_log(path, kind, findings, rules.stamps.unit)
+    for note in log.notes:
+        findings.note(note)
+    loops = {}
+    if log.parts:
+        trace = loop_trace(log.parts, path.name, rules.clock, rules.cleaning, findings, log.period)
+        lost = trace.lost_uplink if log.lost_uplink is None else log.lost_uplink
+        loops["loops"] = replace(trace, lost_uplink=lost)
+    one_way = {} if log.one_way is None else {"one_way": log.one_way}
+    return RecordedRun(name, *_span(loops), loops, {}, None, {}, {}, findings, FORMATS[kind].TITLE, one_way)
 
 
 def _from_content(
@@ -131,7 +161,7 @@ def _from_content(
     return RecordedRun(
         name, 1e-9 * content.begin or None, 1e-9 * (content.end - content.begin), loops,
         {robot: report for robot, report in reports.items() if report is not None}, judged,
-        {topic: values for topic, values in late.items() if values.size}, content.qos, findings, latency,
+        {topic: values for topic, values in late.items() if values.size}, content.qos, findings, latency=latency,
     )  # fmt: skip
 
 

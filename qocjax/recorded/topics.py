@@ -6,12 +6,10 @@ import fnmatch
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import pandas as pd
-
-from qocjax.network.columns import read_columns
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.goals import Goal
 from qocjax.recorded.messages import COMMANDS
+from qocjax.recorded.pose_tables import PosesFormat, read_poses
 from qocjax.recorded.series import Raw
 
 __all__ = ["BagContent", "TopicPatterns", "read_pose_table"]
@@ -43,15 +41,17 @@ class BagContent:
     goals: dict[str, Goal] = field(default_factory=dict)  # by robot; that of all robots under the empty name
 
 
-def read_pose_table(path: Path, findings: Findings, only: tuple[str, ...] | None) -> BagContent:
-    """Reads poses from a text or Parquet table with the columns time (s), robot, x, y (m) and, if there, heading (rad).
+def read_pose_table(
+    path: Path, findings: Findings, only: tuple[str, ...] | None, layout: PosesFormat | None = None
+) -> BagContent:
+    """Reads poses from a table with the columns time (s), robot, x, y (m) and, if there, heading (rad), or as `layout`.
 
     Columns nu and omega are commands, one at each row that has both; so a simulated run's own table can be read.
 
     Raises:
         ValueError: A column or number is not as expected.
     """
-    table = _pose_table(path)
+    table = read_poses(path, layout or PosesFormat())
     first = table["time"].min()
     poses, commands = {}, {}
     for robot, rows in table.groupby("robot", sort=True):
@@ -74,25 +74,3 @@ def read_pose_table(path: Path, findings: Findings, only: tuple[str, ...] | None
         raise ValueError(f"{path}: holds no pose of the robots wanted")
     span = round(float(table["time"].max() - first) * 1e9)
     return BagContent(0, span, poses, commands, {name: (path.name, "") for name in poses}, {})
-
-
-def _pose_table(path: Path) -> pd.DataFrame:
-    """Time, robot, x, y, heading, nu, omega; the last three 0 or empty where the table has no such column."""
-    if path.suffix == ".parquet":
-        table = pd.read_parquet(path)
-    else:
-        found = read_columns(path, ["time", "robot", "x", "y"])
-        table = pd.DataFrame({name: found.optional_numbers(name) for name in ("time", "x", "y")}, dtype=float)
-        table["robot"] = found.texts["robot"]
-        for name in ("heading", "nu", "omega"):
-            try:
-                table[name] = pd.Series(read_columns(path, [name]).optional_numbers(name), dtype=float)
-            except ValueError as error:
-                if "has no column" not in str(error):
-                    raise
-    for name in ("heading", "nu", "omega"):
-        if name not in table:
-            table[name] = 0.0 if name == "heading" else float("nan")
-    if table["time"].isna().any():
-        raise ValueError(f"{path}, row {int(table['time'].isna().idxmax()) + 1}: has no time, expected seconds")
-    return table

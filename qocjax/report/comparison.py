@@ -17,6 +17,7 @@ from qocjax.report.page import Section, facts, render, write
 from qocjax.report.parts import chart_place, tabs
 from qocjax.report.policies import mark
 from qocjax.study.comparison import Comparison
+from qocjax.study.reliability import share_text
 
 __all__ = ["write_comparison_report"]
 
@@ -168,7 +169,7 @@ def _curve_chart(curves: pd.DataFrame, sweep: str, uids: Mapping[str, str]) -> d
                        "y": np.concatenate([y + error, (y - error)[::-1]]), "line": {"width": 0}, "hoverinfo": "skip",
                        "fillcolor": "#808080", "uid": f"{uids[str(name)]}b"})  # fmt: skip
         texts = [[escape(name), value_text(sweep, row["value"], with_unit=True), number(1e3 * row["deadline"]),
-                  number(row["reliability"], ".3f"), plus_minus(row["qoc"], row["qoc_se"])]
+                  share_text(row["reliability"], row.get("reliability_se", 0.0)), plus_minus(row["qoc"], row["qoc_se"])]
                  for row in rows.to_dict("records")]  # fmt: skip
         traces.append({"type": "scatter", "mode": "lines+markers" if x.size < 12 else "lines", "x": x, "y": y,
                        "line": {"width": 2}, "marker": {"size": 5}, "uid": uids[str(name)], "customdata": texts,

@@ -10,10 +10,13 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from qocjax.navigation.maps import StaticMap
+from qocjax.report.delays import Completion
 from qocjax.report.hall import hall_map
 from qocjax.report.replay import Replay
 from qocjax.report.study import StudyPage
+from qocjax.study.capacity import at_once_text, usual_load
 from qocjax.study.chunks import Problem
+from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
 from qocjax.study.sweep import Study
 
@@ -48,9 +51,8 @@ def study_page(
         policies=study.policies,
         scale=study.scale,
         network=problem.network.name,
-        deadlines=deadlines,
-        reliability=problem.network.reliability(deadlines),
-        about=_about(problem),
+        completion=_completion(study, problem, deadlines),
+        about=_about(problem) | {"Computations at once": at_once_text(problem.network, *usual_load(study, problem))},
         config="" if options is None else OmegaConf.to_yaml(OmegaConf.create(dict(options))),
         record=json.dumps(list(study.made_with), indent=2, ensure_ascii=False),
         replays=replays,
@@ -58,6 +60,17 @@ def study_page(
         hall=None if room is None else hall_map(room),
         failures=dict(study.failures),
     )
+
+
+def _completion(study: Study, problem: Problem, deadlines: np.ndarray) -> list[Completion]:
+    """F over the deadline at each sampling period of the study; once where it is the same at all."""
+    counts = study.results["tau"].value_counts()
+    found = [
+        Completion(float(tau), deadlines, reliability_of(problem.network, problem.scenario, deadlines, float(tau)))
+        for tau in counts.index
+    ]
+    same = all(np.array_equal(each.reliability.share, found[0].reliability.share) for each in found)
+    return found[:1] if same else found
 
 
 def _about(problem: Problem) -> dict[str, Any]:

@@ -2,44 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from qocjax.figures.style import POLICIES
+from qocjax.network.interface import Reliability
 from qocjax.report.charts import axis, layout
 from qocjax.report.html import escape, number
 from qocjax.report.labels import MARKERS, RELIABILITY, symbol
+from qocjax.study.reliability import share_text
 
-__all__ = ["delay_chart", "delay_facts"]
+__all__ = ["Completion", "completion_words", "delay_chart", "delay_facts"]
 
 _PERCENTILES = (0.5, 0.95, 0.99)
 
 
-def delay_chart(deadlines: np.ndarray, reliability: np.ndarray, policies: pd.DataFrame) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Completion:
+    """How many loops complete at one sampling period."""
+
+    tau: float  # s
+    deadlines: np.ndarray  # s, ascending
+    reliability: Reliability  # F there
+
+
+def delay_chart(completion: Sequence[Completion], policies: pd.DataFrame) -> dict[str, Any]:
     """F(Δ) with each policy's choices.
 
     Args:
-        deadlines: Where it is known, ascending (s).
-        reliability: F there.
+        completion: At each sampling period at which F is another, the usual one first.
         policies: Table of the study.
     """
-    curve = {
-        "type": "scatter", "mode": "lines", "x": 1e3 * deadlines, "y": reliability, "uid": "ink", "line": {"width": 2},
-        "customdata": [[number(1e3 * at), number(share, ".4f")] for at, share in zip(deadlines, reliability,
-                                                                                     strict=True)],
-        "hovertemplate": "Δ = %{customdata[0]} ms<br><i>F</i>(Δ) = %{customdata[1]}<extra></extra>",
-    }  # fmt: skip
+    curves = [_curve(each, k == 0, len(completion) > 1) for k, each in enumerate(completion)]
     marks = [_marks(name, rows) for name, rows in policies[policies["qoc"].notna()].groupby("policy", sort=False)]
     y = axis(RELIABILITY, range=[-0.02, 1.04], tickformat=".0%", dtick=0.2)
-    return {"data": [curve, *marks],
+    return {"data": [*reversed(curves), *marks],
             "layout": layout(xaxis=axis("Loop time, or deadline Δ (ms)"), yaxis=y, hovermode="closest",
                              margin={"l": 62, "r": 14, "t": 14, "b": 48})}  # fmt: skip
 
 
-def delay_facts(deadlines: np.ndarray, reliability: np.ndarray) -> dict[str, str]:
+def completion_words(completion: Sequence[Completion]) -> str:
+    """What a reader must know of F besides the curve."""
+    words = ""
+    if len(completion) > 1:
+        words += (f" It depends on τ: the thick line is that of {number(1e3 * completion[0].tau)} ms, the thin ones "
+                  "are the other sampling periods of the study.")  # fmt: skip
+    if completion[0].reliability.error.max(initial=0.0) > 0:
+        words += " It is estimated by simulating the network alone; the standard error stands beside each number."
+    return words
+
+
+def delay_facts(completion: Completion) -> dict[str, str]:
     """Percentiles of the loop time as far as the axis goes."""
+    deadlines, reliability = completion.deadlines, completion.reliability.share
     found = {}
     for level in _PERCENTILES:
         reached = np.flatnonzero(reliability >= level)
@@ -53,12 +72,27 @@ def delay_facts(deadlines: np.ndarray, reliability: np.ndarray) -> dict[str, str
     return found
 
 
+def _curve(completion: Completion, usual: bool, named: bool) -> dict[str, Any]:
+    share, error = completion.reliability
+    texts = [[number(1e3 * at), share_text(one, spread, 4)]
+             for at, one, spread in zip(completion.deadlines, share, error, strict=True)]  # fmt: skip
+    tau = f"<br>τ = {number(1e3 * completion.tau)} ms" if named else ""
+    return {
+        "type": "scatter", "mode": "lines", "x": 1e3 * completion.deadlines, "y": share, "uid": "ink",
+        "line": {"width": 2 if usual else 0.7}, "customdata": texts,
+        "hovertemplate": f"Δ = %{{customdata[0]}} ms<br><i>F</i>(Δ) = %{{customdata[1]}}{tau}<extra></extra>",
+    }  # fmt: skip
+
+
 def _marks(name: Any, rows: pd.DataFrame) -> dict[str, Any]:
     """One policy's deadlines; where sweeps agree, one mark that names them."""
     look = POLICIES.get(name)
-    at = rows.groupby("deadline").agg(share=("reliability", "first"), sweeps=("sweep", list)).reset_index()
-    texts = [[number(1e3 * row.deadline), number(row.share, ".4f"), ", ".join(symbol(each) for each in row.sweeps)]
-             for row in at.itertuples()]  # fmt: skip
+    same = ["deadline", "reliability", "reliability_se"]
+    at = rows.groupby(same).agg(sweeps=("sweep", list)).reset_index().rename(columns={"reliability": "share"})
+    texts = [
+        [number(1e3 * row.deadline), share_text(row.share, row.reliability_se, 4), ", ".join(map(symbol, row.sweeps))]
+        for row in at.itertuples()
+    ]
     return {
         "type": "scatter", "mode": "markers", "x": 1e3 * at["deadline"].to_numpy(), "y": at["share"].to_numpy(),
         "marker": {"symbol": MARKERS.get(name, "diamond"), "size": 15 if name == "Co-design" else 12,

@@ -7,6 +7,7 @@ import pandas as pd
 from qocjax.figures.style import POLICIES
 from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
 from qocjax.report.labels import name_of, symbol, value_text
+from qocjax.study.reliability import share_text
 
 __all__ = ["headline", "mark", "policies_table"]
 
@@ -95,7 +96,8 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
         gap = f'<span class="warn">{escape(row.get("error") or "no design")}</span>'
     cells = (
         name, f"{mark(policy)} {escape(policy)}", value_text(sweep, row["value"], with_unit=True),
-        number(1e3 * row["deadline"]), number(row["reliability"], ".3f"), plus_minus(row["qoc"], row["qoc_se"]),
+        number(1e3 * row["deadline"]), share_text(row["reliability"], row["reliability_se"]),
+        plus_minus(row["qoc"], row["qoc_se"]),
         _picture(row, low, high), gap, plus_minus(row["auc"], row["auc_se"], ".3f"),
         number(row["qoc_selection"], ".4f"), close,
     )  # fmt: skip

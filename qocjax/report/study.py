@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from qocjax.figures.tables import present_sweeps
 from qocjax.quality import QocScale
 from qocjax.report.charts import series_style
-from qocjax.report.delays import delay_chart, delay_facts
+from qocjax.report.delays import Completion, completion_words, delay_chart, delay_facts
 from qocjax.report.hall import HallMap
 from qocjax.report.html import escape, number
 from qocjax.report.page import Section, details, facts, render, write
@@ -35,8 +34,7 @@ class StudyPage:
     policies: pd.DataFrame
     scale: QocScale
     network: str  # its name
-    deadlines: np.ndarray  # where F is known, ascending (s)
-    reliability: np.ndarray  # F there
+    completion: Sequence[Completion]  # F over the deadline, that of the usual sampling period first
     about: Mapping[str, str] = field(default_factory=dict)  # further facts, plain text
     config: str = ""  # all options, as text
     record: str = ""  # versions, device
@@ -58,7 +56,7 @@ def write_study_report(path: Path, page: StudyPage) -> Path:
     """
     sweeps = list(dict.fromkeys(page.results["sweep"]))
     sweeps = [each for each in present_sweeps(page.results)] + [s for s in sweeps if s not in _known(page.results)]
-    charts: dict[str, Any] = {"delay": delay_chart(page.deadlines, page.reliability, page.policies)}
+    charts: dict[str, Any] = {"delay": delay_chart(page.completion, page.policies)}
     for sweep in sweeps:
         charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep)
         charts[f"auc-{sweep}"] = auc_chart(page.results, sweep)
@@ -144,6 +142,6 @@ def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:
 def _delays(page: StudyPage) -> str:
     return (
         f"<p>How many loops complete within a deadline, on the network {escape(page.network)}, and the deadlines that "
-        f"the policies chose.</p>{facts(delay_facts(page.deadlines, page.reliability))}"
+        f"the policies chose.{completion_words(page.completion)}</p>{facts(delay_facts(page.completion[0]))}"
         f"{chart_place('delay', 'Loop completion over the deadline')}"
     )

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from qocjax import _checks
-from qocjax.network import Network
+from qocjax.network import Load, Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
@@ -19,6 +19,7 @@ from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.margins import Bound, Margin, deadline_margin
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.policies import MIN_RELIABILITY
+from qocjax.study.reliability import load_of
 from qocjax.study.search import stacked
 from qocjax.study.sensitivity import Box, elasticities, sobol
 from qocjax.study.shortlist import NAMES, Effort, along_deadlines, row, shortlist
@@ -90,7 +91,8 @@ def advise(
     rules, effort, asked = rules or Rules(), effort or Effort(), asked or Asked()
     _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
     _checks.bounded("margins.delay", asked.delay or 0.0, most=longest_deadline)
-    box, axis = Box(current, bounds), candidate_deadlines(network, longest_deadline)
+    load = load_of(scenario, float(np.asarray(current.tau)))
+    box, axis = Box(current, bounds), candidate_deadlines(network, load, longest_deadline)
     fine = np.unique(np.concatenate([axis, np.geomspace(axis[0], longest_deadline, 12)]))
     pilot = [0.0, *fine.tolist()]  # from a deadline at which hardly a robot moves: the worst that can happen
     scale = pilot_scale(scenario, network, current, pilot, range(effort.rounds[0]), rules=rules, key=key)
@@ -104,7 +106,7 @@ def advise(
     names = [name for name in (*bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
     return Advice(
         network=network.describe(),
-        character=characterise(network, float(np.asarray(best.tau)), float(np.asarray(best.deadline)), key),
+        character=characterise(network, load, float(np.asarray(best.deadline)), key),
         recommended=best,
         current=current,
         max_collision_share=max_collision_share,
@@ -118,7 +120,7 @@ def advise(
         growth=largest_growth(objective, best, fresh, asked.share),
         elasticities=elasticities(objective, best, fresh, names),
         sobol=sobol(objective, box, axis.tolist(), few, asked.points, abs(key)) if asked.points else None,
-        policies=_policies(network, best, longest_deadline),
+        policies=_policies(network, load, best, longest_deadline),
         slack=find_slack(objective, best, longest_deadline, few, asked) if asked.delays else None,
         scale=scale,
         seeds={"search": effort.rounds[-1], "fresh": len(fresh), "first_fresh": fresh[0]},
@@ -138,10 +140,11 @@ def _judge(
     named = (("current", count + 1), ("current gains, recommended deadline", count), ("recommended", 0))
     table = []
     for what, k in named:
-        reliability = float(objective.network.reliability(np.float64(np.asarray(designs.deadline)[k])))
+        at, tau = (float(np.asarray(values)[k]) for values in (designs.deadline, designs.tau))
+        share, error = objective.reliability(at, tau)
         score, gain = estimate(scores[k]), paired(scores[k], scores[count + 1])
         found = {
-            "what": what, "deadline": float(np.asarray(designs.deadline)[k]), "reliability": reliability,
+            "what": what, "deadline": at, "reliability": float(share), "reliability_se": float(error),
             "qoc": score.mean, "qoc_low": score.low, "qoc_high": score.high,
             "gain": gain.mean, "gain_low": gain.low, "gain_high": gain.high,
         }  # fmt: skip
@@ -163,7 +166,8 @@ def _curves(
     axis = np.union1d(axis, [float(np.asarray(best.deadline))])
     designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
     scores = objective.scores(designs, seeds).reshape(2, axis.size, -1)
-    table: dict[str, Any] = {"deadline": axis, "reliability": objective.network.reliability(axis)}
+    known = objective.reliability(axis, best.tau)
+    table: dict[str, Any] = {"deadline": axis, "reliability": known.share, "reliability_se": known.error}
     for name, values in zip(("recommended", "current"), scores, strict=True):
         found = [estimate(row) for row in values]
         table |= {f"qoc_{name}": [e.mean for e in found], f"qoc_{name}_low": [e.low for e in found],
@@ -179,11 +183,11 @@ def _policy(deadline: float, margin: Margin) -> str:
     return "MaxRel" if deadline > high * (1 + 1e-9) else "Co-design"
 
 
-def _policies(network: Network, best: Design, longest: float) -> tuple[tuple[str, float, float], ...]:
+def _policies(network: Network, load: Load, best: Design, longest: float) -> tuple[tuple[str, float, float], ...]:
     """Where the three policies stand: deadline (s) and F."""
-    least = float(quantiles(network, [MIN_RELIABILITY], longest)[0])
+    least = float(quantiles(network, load, [MIN_RELIABILITY], longest)[0])
     chosen = {"MinDelay": least, "Co-design": float(np.asarray(best.deadline)), "MaxRel": longest}
-    return tuple((name, at, float(network.reliability(np.float64(at)))) for name, at in chosen.items())
+    return tuple((name, at, float(network.reliability(np.float64(at), load).share)) for name, at in chosen.items())
 
 
 def plain(values: Any) -> Any:

@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from qocjax.batch import evaluate
-from qocjax.network.interface import Network
+from qocjax.network.computing import computations_at_once
+from qocjax.network.interface import Network, Reliability
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
+from qocjax.study.reliability import load_of, reliability_of
 from qocjax.study.sweep import qoc_by_seed
 
 __all__ = ["Objective", "pilot_scale"]
@@ -34,6 +37,19 @@ class Objective:
         runs = evaluate(self.scenario, designs, self.network, seeds, rules=self.rules, key=self.key)
         self.simulations += runs.sizes["design"] * runs.sizes["seed"]
         return runs
+
+    def reliability(self, deadline: ArrayLike, tau: ArrayLike) -> Reliability:
+        """F(deadline) of designs with its standard error; both in s, of a shape that broadcasts."""
+        return reliability_of(self.network, self.scenario, deadline, tau)
+
+    def workers(self, tau: ArrayLike) -> np.ndarray:
+        """Workers of the edge that are busy in the mean at sampling periods (s), of all robots together.
+
+        NaN where the network does not tell its computations apart, as a trace.
+        """
+        periods, place = np.unique(np.asarray(tau, np.float64), return_inverse=True)
+        found = [computations_at_once(self.network, load_of(self.scenario, each)) for each in periods]
+        return np.array([np.nan if each is None else each.mean for each in found])[place].reshape(np.shape(tau))
 
     def scores(self, designs: Design, seeds: Sequence[int]) -> np.ndarray:
         """QoC of each design and seed, [G, S], mean over robots."""

@@ -24,7 +24,7 @@ def co_design(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float =
 
     Args:
         qoc: [V, D] QoC over values and ascending deadlines; NaN is never picked.
-        reliability: [D] F(Delta); not read by this policy.
+        reliability: [V, D] or [D] F(Delta); not read by this policy.
         min_reliability: Not read by this policy.
 
     Returns:
@@ -38,19 +38,22 @@ def co_design(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float =
 
 
 def min_delay(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float = MIN_RELIABILITY) -> tuple[int, int]:
-    """Best value at the smallest deadline with enough reliability; 0 asks for the literal smallest.
+    """Best value at the smallest deadline at which some value has enough reliability, of those that have.
+
+    A reliability of 0 asks for the literal smallest deadline.
 
     Raises:
         ValueError: No deadline of the axis is reliable enough.
         NoDesignError: Every score at that deadline is NaN.
     """
-    enough = np.flatnonzero(reliability >= min_reliability)
-    if enough.size == 0:
+    enough = np.broadcast_to(reliability >= min_reliability, qoc.shape)
+    if not enough.any():
         raise ValueError(
             f"deadline: got F(deadline) <= {reliability.max():.3g} on the whole axis, expected one with at least "
             f"{min_reliability:g} for MinDelay (a larger deadline, or min_reliability=0)"
         )
-    return _best(qoc[:, enough[0]]), int(enough[0])
+    first = int(np.argmax(enough.any(axis=0)))
+    return _best(np.where(enough[:, first], qoc[:, first], np.nan)), first
 
 
 def max_rel(qoc: np.ndarray, reliability: np.ndarray, min_reliability: float = MIN_RELIABILITY) -> tuple[int, int]:

@@ -12,6 +12,7 @@ import xarray as xr
 
 from qocjax import _checks
 from qocjax.batch.evaluate import evaluate
+from qocjax.network import Edge
 from qocjax.network.dds import DdsNetwork
 from qocjax.network.demand import Carrier
 from qocjax.network.schedule import Rules
@@ -63,6 +64,7 @@ def qos_study(
     key: int = 0,
     scale: QocScale | None = None,
     carrier: Carrier | None = None,
+    edge: Edge | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> QosStudy:
     """Simulates every profile on every channel with every deadline, all on the same seeds.
@@ -80,11 +82,14 @@ def qos_study(
         key: Root of all random numbers.
         scale: J_med and J_max; by default of all runs of the study.
         carrier: 5G carrier, for resource blocks.
+        edge: The workers, by default one for each sample; it may not give up what is late.
         progress: Called with a word on each cell before it is simulated.
 
     Raises:
         ValueError: An axis is empty, or a value out of range.
     """
+    if edge is not None and edge.abort:
+        raise ValueError("edge.abort: got True, expected False: a comparison at many deadlines has one set of loops")
     _check(network, profiles, {"loss": losses, "burst": bursts, "deadline": deadlines}, seeds)
     tau, ticks = float(np.asarray(design.tau)), num_ticks(scenario.horizon, float(np.asarray(design.tau)))
     keys, designs = network_keys(seeds, key), replace(design, deadline=np.asarray(deadlines, float))
@@ -95,7 +100,7 @@ def qos_study(
         for name, variant in variants.items():
             if progress is not None:
                 progress(f"{name}, {loss:.0%} lost")
-            sent = run_transport(variant, process, keys, ticks, scenario.num_robots, tau)
+            sent = run_transport(variant, process, keys, ticks, scenario.num_robots, tau, edge)
             recorded = RecordedLoops(keys, sent.loop_times, name)
             runs = evaluate(scenario, designs, recorded, seeds, rules=rules, key=key)
             cells.append(Cell(name, loss, burst, sent.loop_times, runs))

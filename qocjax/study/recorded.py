@@ -12,7 +12,8 @@ import numpy as np
 from jax import Array
 
 from qocjax.network.completion import latest
-from qocjax.network.empirical import Empirical
+from qocjax.network.interface import Load, Reliability
+from qocjax.study.statistics import standard_error
 
 __all__ = ["RecordedLoops", "network_keys"]
 
@@ -49,9 +50,12 @@ class RecordedLoops:
         row = jnp.argmax(jnp.all(known == jax.random.key_data(key)[None, :], axis=-1))
         return jnp.asarray(self.times, jnp.result_type(float))[row]
 
-    def reliability(self, deadline: Any) -> np.ndarray:
-        """Returns the share of the recorded loops that complete by `deadline` (s)."""
-        return Empirical(self.times.ravel(), self.name).cdf(latest(np.asarray(deadline, np.float64)))
+    def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
+        """Returns the share of the recorded loops that complete by `deadline` (s), with its error over the seeds."""
+        rows = np.sort(self.times.reshape(len(self.times), -1), axis=1)
+        allowed = latest(np.asarray(deadline, np.float64))
+        shares = np.stack([np.searchsorted(row, allowed, side="right") for row in rows]) / rows.shape[1]
+        return Reliability(shares.mean(axis=0), standard_error(np.moveaxis(shares, 0, -1)))
 
     def describe(self) -> dict[str, Any]:
         """Returns name and size as plain values."""

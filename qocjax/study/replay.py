@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from qocjax import _checks
-from qocjax.batch.runner import draw_seeds
+from qocjax.batch.drawing import draw_seeds, loops_of
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
@@ -43,10 +43,12 @@ def replay(
     rules = rules or Rules()
     _checks.counts("seed", [seed])
     tau = float(np.asarray(_checks.bounded("tau", design.tau, above=0, most=scenario.horizon, shape=())))
-    start, times, keys = draw_seeds(
+    ticks = num_ticks(scenario.horizon, tau)
+    start, drawn, keys = draw_seeds(
         jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
-        num_ticks(scenario.horizon, tau), tau,
+        ticks, tau,
     )  # fmt: skip
+    times = loops_of(network, drawn, ticks, tau, float(np.asarray(design.deadline)))
     return simulate(
         replace(scenario, start=np.asarray(start[0])),
         design,

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from qocjax.batch.runner import draw_seeds
+from qocjax.batch.drawing import draw_length, draw_seeds, loops_of
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
@@ -67,8 +67,7 @@ def replays(
         options: dict[str, Any] = {"rules": rules, "key": key, "controller": controller}
         return [jax.tree.map(np.asarray, replay(scenario, each, network, seed, **options)) for each in designs]
     ticks = [num_ticks(scenario.horizon, float(np.asarray(design.tau))) for design in designs]
-    periods = {float(np.asarray(design.tau)): count for design, count in zip(designs, ticks, strict=True)}
-    start, times, words = _draw(scenario, network, seed, key, periods)
+    start, lanes, words = _draw(scenario, network, seed, key, designs, ticks)
     placed = replace(scenario, start=start)
 
     def one(design: Design, loop_times: jax.Array) -> Run:
@@ -79,8 +78,7 @@ def replays(
 
     values = [asdict(design) for design in designs]
     stacked = Design(**{name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
-    lanes = jnp.stack([times[float(np.asarray(design.tau))] for design in designs])
-    runs = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(stacked, lanes))
+    runs = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(stacked, jnp.asarray(lanes)))
     return [_cut(jax.tree.map(lambda a, k=k: a[k], runs), count) for k, count in enumerate(ticks)]
 
 
@@ -131,25 +129,28 @@ def policy_runs(
 
 
 def _draw(
-    scenario: Scenario, network: Network, seed: int, key: int, ticks: dict[float, int]
-) -> tuple[np.ndarray, dict[float, np.ndarray], jax.Array]:
-    """Start poses, loop times by sampling period, and words of a key.
+    scenario: Scenario, network: Network, seed: int, key: int, designs: Sequence[Design], ticks: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray, jax.Array]:
+    """Start poses, loop times of each design [G, P, N] s, and words of a key.
 
     All loop times are as long as the longest; loops beyond the horizon are lost.
     """
-    most = max(ticks.values())
+    most = max(ticks)
     begin = jnp.asarray(scenario.start, jnp.result_type(float))
-    stable = getattr(network, "prefix_stable", False) and getattr(jax.config, "jax_threefry_partitionable", True)
-    times: dict[float, np.ndarray] = {}
-    drawn: Any = None
-    for tau, count in ticks.items():
-        if drawn is None or not stable:
-            size, period = (most, 1.0) if stable else (count, tau)
-            drawn = draw_seeds(begin, scenario.start_jitter, network, np.array([seed]), key, size, period)
-        loops = np.asarray(drawn.loop_times)[0]
-        times[tau] = np.full((most, scenario.num_robots), np.inf, loops.dtype)
-        times[tau][:count] = loops[:count]
-    return np.asarray(drawn.start)[0], times, drawn.keys[0]
+    times = np.full((len(designs), most, scenario.num_robots), np.inf, begin.dtype)
+    drawn: dict[tuple[int, float], Any] = {}
+    found: dict[tuple[float, float], np.ndarray] = {}
+    for row, (design, count) in enumerate(zip(designs, ticks, strict=True)):
+        tau = float(np.asarray(design.tau))
+        deadline = float(np.asarray(design.deadline)) if getattr(network, "uses_deadline", False) else 0.0
+        shape = draw_length(network, count, tau, most)
+        if shape not in drawn:
+            drawn[shape] = draw_seeds(begin, scenario.start_jitter, network, np.array([seed]), key, *shape)
+        if (tau, deadline) not in found:
+            found[tau, deadline] = np.asarray(loops_of(network, drawn[shape].network, count, tau, deadline))[0]
+        times[row, :count] = found[tau, deadline][:count]
+    first = next(iter(drawn.values()))
+    return np.asarray(first.start)[0], times, first.keys[0]
 
 
 def _cut(run: Run, ticks: int) -> Run:

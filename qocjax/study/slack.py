@@ -83,7 +83,7 @@ def find_slack(objective: Objective, design: Design, longest: float, seeds: Sequ
         ValueError: A delay beyond the longest.
     """
     deadline = float(np.asarray(design.deadline))
-    here = float(objective.network.reliability(np.float64(deadline)))
+    here = float(objective.reliability(deadline, design.tau).share)
     delay = deadline if asked.delay is None else asked.delay
     _checks.bounded("margins.delay", delay, most=longest)
     share = here if asked.reliability is None else asked.reliability

@@ -13,12 +13,14 @@ import pandas as pd
 import xarray as xr
 from jax import Array
 
-from qocjax.network import Network, completes
+from qocjax.network import Load, Network, Reliability, SharedNetwork, completes
 from qocjax.network._fields import store_float
+from qocjax.network.interface import Contended
 from qocjax.scenario import Design
 from qocjax.study.character import lost_share
 from qocjax.study.margins import Bound, reach
 from qocjax.study.objective import Objective
+from qocjax.study.reliability import load_of, reliability_of
 from qocjax.study.statistics import paired
 from qocjax.study.sweep import qoc_by_seed
 
@@ -49,24 +51,49 @@ class Stressed:
     @property
     def name(self) -> str:
         """Name of the network and what happened to it."""
-        doubled = self.double_losses or self.miss_deadline is not None
-        return f"{self.network.name}, delay x {self.delay_factor:g}" + (", losses doubled" if doubled else "")
+        doubled = ", losses doubled" if self._copied else ""
+        return f"{self.network.name}, delay x {self.delay_factor:g}{doubled}"
 
-    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
-        """Draws the loop times of one Monte Carlo seed, [P, N] s; those that stay are the network's own."""
-        times = self.network.draw(key, num_ticks, num_robots, tau)
-        if self.double_losses or self.miss_deadline is not None:
-            copy = self.network.draw(jax.random.fold_in(key, 1), num_ticks, num_robots, tau)
-            kept = jnp.isfinite(copy) if self.miss_deadline is None else completes(copy, self.miss_deadline)
+    @property
+    def uses_deadline(self) -> bool:
+        """Whether the network's own loop times depend on the deadline."""
+        return bool(getattr(self.network, "uses_deadline", False))
+
+    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> tuple[Any, Any]:
+        """Draws from the network for one Monte Carlo seed, and from its copy where there is one."""
+        own = self.network.draw(key, num_ticks, num_robots, tau)
+        if not self._copied:
+            return own, None
+        return own, self.network.draw(jax.random.fold_in(key, 1), num_ticks, num_robots, tau)
+
+    def contend(self, drawn: tuple[Any, Any], num_ticks: Array | int, tau: Array | float, deadline: Array) -> Contended:
+        """Loop times of all seeds at all deadlines; those that stay are the network's own times the factor."""
+        own, copy = drawn
+        found = self._loops(own, num_ticks, tau, deadline / self.delay_factor)
+        times = found.loop_times
+        if self._copied:
+            other = self._loops(copy, num_ticks, tau, deadline / self.delay_factor).loop_times
+            kept = jnp.isfinite(other) if self.miss_deadline is None else completes(other, self.miss_deadline)
             times = jnp.where(kept, times, jnp.inf)
-        return times * self.delay_factor
+        return found._replace(loop_times=times * self.delay_factor)
 
-    def reliability(self, deadline: Any) -> np.ndarray:
-        """Returns F(deadline), float64, same shape."""
-        share = self.network.reliability(np.asarray(deadline, float) / self.delay_factor)
-        if not self.double_losses and self.miss_deadline is None:
-            return share
-        return share * self.network.reliability(np.inf if self.miss_deadline is None else self.miss_deadline)
+    def reliability(self, deadline: Any, load: Load) -> Reliability:
+        """Returns F(deadline) under a load."""
+        share, error = self.network.reliability(np.asarray(deadline, float) / self.delay_factor, load)
+        if not self._copied:
+            return Reliability(share, error)
+        kept, spread = self.network.reliability(np.inf if self.miss_deadline is None else self.miss_deadline, load)
+        return Reliability(share * kept, np.hypot(error * kept, share * spread))
+
+    @property
+    def _copied(self) -> bool:
+        return self.double_losses or self.miss_deadline is not None
+
+    def _loops(self, drawn: Any, num_ticks: Array | int, tau: Array | float, deadline: Array) -> Contended:
+        if isinstance(self.network, SharedNetwork):
+            return self.network.contend(drawn, num_ticks, tau, deadline)
+        times = jnp.broadcast_to(drawn[None], (deadline.shape[0], *drawn.shape))
+        return Contended(times, {}, jnp.full_like(times, jnp.inf), jnp.zeros_like(times))
 
     def describe(self) -> dict[str, Any]:
         """Returns the network as plain values."""
@@ -94,18 +121,19 @@ def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> 
         seeds: [S] at least two.
 
     Returns:
-        Per case: what, deadline (s), reliability, qoc, change with its 95 % interval, and what `of_runs` says.
+        Per case: what, deadline (s), reliability with its standard error, qoc, change with its 95 % interval, and what
+        `of_runs` says.
     """
     network, deadline = objective.network, float(np.asarray(design.deadline))
     longer = replace(design, deadline=1.5 * deadline)
-    cases = [
+    cases: list[tuple[str, Network, Design]] = [
         ("as it is", network, design),
         ("as it is, deadline x 1.5", network, longer),
         ("delay x 1.5, deadline kept", slow := Stressed(network, delay_factor=1.5), design),
         ("delay x 1.5, deadline x 1.5", slow, longer),
     ]
-    if lost_share(network) > 0:
-        cases.append(("lost messages x 2", Stressed(network, double_losses=True), design))
+    if lost_share(network, load_of(objective.scenario, float(np.asarray(design.tau)))) > 0:
+        cases.append(("lost loops x 2", Stressed(network, double_losses=True), design))
     cases.append(("missed loops x 2", Stressed(network, miss_deadline=deadline), design))
     table: list[dict[str, Any]] = []
     base: np.ndarray | None = None
@@ -113,10 +141,11 @@ def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> 
         runs, scores = _on(objective, worse, chosen, seeds)
         base = scores if base is None else base
         gap = paired(scores, base)
-        share = float(worse.reliability(np.float64(np.asarray(chosen.deadline))))
+        share, error = reliability_of(worse, objective.scenario, chosen.deadline, chosen.tau)
         table.append(
-            {"what": what, "deadline": float(np.asarray(chosen.deadline)), "reliability": share,
-             "qoc": float(scores.mean()), "change": gap.mean, "change_low": gap.low, "change_high": gap.high}
+            {"what": what, "deadline": float(np.asarray(chosen.deadline)), "reliability": float(share),
+             "reliability_se": float(error), "qoc": float(scores.mean()),
+             "change": gap.mean, "change_low": gap.low, "change_high": gap.high}
             | of_runs(runs, 0)
         )  # fmt: skip
     return pd.DataFrame(table)
@@ -132,7 +161,7 @@ def largest_growth(objective: Objective, design: Design, seeds: Sequence[int], s
         share: Of the QoC on the network as it is.
     """
     network = objective.network
-    slower = [network if growth == 1.0 else Stressed(network, growth) for growth in GROWTHS]
+    slower: list[Network] = [network if growth == 1.0 else Stressed(network, growth) for growth in GROWTHS]
     scores = np.stack([_on(objective, worse, design, seeds)[1] for worse in slower])
     return reach(GROWTHS, scores, (1.0 - share) * float(scores[0].mean()))
 

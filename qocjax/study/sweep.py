@@ -24,6 +24,7 @@ from qocjax.study.grid import Grid
 from qocjax.study.order import scale_of
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, POLICIES, NoDesignError, min_delay
+from qocjax.study.reliability import reliability_of
 from qocjax.study.statistics import estimate, paired
 from qocjax.study.table import qoc_by_seed, results_table
 
@@ -147,12 +148,14 @@ def study_of(
     selection, evaluation = _checked_seeds(selection_seeds, evaluation_seeds)
     _checks.bounded("min_reliability", min_reliability, least=0, most=1)
     _checks.bounded("chunk_steps", chunk_steps, above=0)
-    reliability = problem.network.reliability(np.unique(grid.deadline))
-    min_delay(np.zeros((1, reliability.size)), reliability, min_reliability)  # raises before anything is simulated
+    reliability = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau)
+    for sweep in dict.fromkeys(grid.sweep):  # raises before anything is simulated
+        shares = reliability.share[grid.design[grid.rows(sweep)]]
+        min_delay(np.zeros(shares.shape), shares, min_reliability)
     rest = (shelf or InMemory(), engine or LocalEngine(), chunk_steps, progress)
     first = run_part(problem, Part("selection", selection), *rest)
     scale = scale or scale_of(lambda: first.arrays("auc"))
-    results = results_table(first.runs, grid, problem.network, scale, first.failed)
+    results = results_table(first.runs, grid, reliability, scale, first.failed)
     chosen = _choose(results, grid, min_reliability)
     places, inverse = np.unique(grid.design[[row for _, _, row in chosen if row is not None]], return_inverse=True)
     if not len(places):
@@ -177,7 +180,7 @@ def _choose(results: pd.DataFrame, grid: Grid, min_reliability: float) -> list[t
     sound = np.where(results["diverged_share"] > 0, np.nan, results["qoc"])
     for sweep in dict.fromkeys(grid.sweep):
         rows = grid.rows(sweep)
-        reliability = results["reliability"].to_numpy()[rows[0]]
+        reliability = results["reliability"].to_numpy()[rows]
         for name, policy in POLICIES.items():
             try:
                 value, deadline = policy(sound[rows], reliability, min_reliability)
@@ -210,7 +213,8 @@ def _judge(
         score, auc, gap = estimate(own), estimate(cost), paired(own, nothing if base is None else scores[base])
         line = {
             "sweep": sweep, "policy": policy, "value": point["value"], "deadline": point["deadline"],
-            "reliability": point["reliability"], "qoc_selection": point["qoc"],
+            "reliability": point["reliability"], "reliability_se": point["reliability_se"],
+            "qoc_selection": point["qoc"],
             "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
             "auc": auc.mean, "auc_se": auc.se,
             "difference": gap.mean, "difference_se": gap.se,

@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.batch.evaluate import UNITS
-from qocjax.network.interface import Network
+from qocjax.network.interface import Reliability
 from qocjax.quality import QocScale, qoc
 from qocjax.scenario import Design
 from qocjax.study.grid import Grid
@@ -32,14 +32,14 @@ def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
 
 
 def results_table(
-    runs: xr.Dataset, grid: Grid, network: Network, scale: QocScale, failed: Mapping[int, str] | None = None
+    runs: xr.Dataset, grid: Grid, reliability: Reliability, scale: QocScale, failed: Mapping[int, str] | None = None
 ) -> pd.DataFrame:
     """One row per (sweep, value, deadline) with every metric and its standard error over seeds (SI units).
 
     Args:
         runs: Of the grid's designs; read a block at a time.
         grid: Its rows.
-        network: Says F(Delta).
+        reliability: F(Delta) of each design, [G].
         scale: Of the QoC.
         failed: Designs of which runs are missing, by their place, and why: their metrics are NaN, and a column `error`
             says why; without any there is no such column.
@@ -47,9 +47,10 @@ def results_table(
     blocks = [(places, _by_design(runs.isel(design=places).load(), scale)) for places in _blocks(runs)]
     designs = pd.concat([table.set_index(places) for places, table in blocks]).sort_index()
     place = [item.name for item in fields(Design)]
-    designs.insert(len(place), "reliability", network.reliability(designs["deadline"].to_numpy()))
+    designs.insert(len(place), "reliability", reliability.share)
+    designs.insert(len(place) + 1, "reliability_se", reliability.error)
     if failed:
-        metrics = [name for name in designs.columns if name not in (*place, "reliability", "seeds")]
+        metrics = [name for name in designs.columns if name not in (*place, "reliability", "reliability_se", "seeds")]
         designs.loc[list(failed), metrics] = np.nan
         designs["error"] = [failed.get(k, "") for k in range(len(designs))]
     rows = designs.iloc[grid.design].reset_index(drop=True)

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from qocjax import _checks
+from qocjax.network import Edge
 from qocjax.network.dds import DdsNetwork, Topic, Traffic, per_second
 from qocjax.network.dds.dds_network import Draws, Loops
 from qocjax.network.dds.delivery import missed_periods
@@ -55,7 +56,13 @@ class Sent:
 
 
 def run_transport(
-    network: DdsNetwork, loss: LossProcess, keys: Array, num_ticks: int, num_robots: int, tau: float
+    network: DdsNetwork,
+    loss: LossProcess,
+    keys: Array,
+    num_ticks: int,
+    num_robots: int,
+    tau: float,
+    edge: Edge | None = None,
 ) -> Sent:
     """Simulates the loops of a network, its losses replaced on both directions.
 
@@ -66,6 +73,7 @@ def run_transport(
         num_ticks: P.
         num_robots: N.
         tau: s.
+        edge: The workers, by default one for each sample; it gives nothing up.
     """
     clear = _with_loss(network, IndependentLoss())
     shape = (num_ticks, num_robots, tau)
@@ -73,7 +81,7 @@ def run_transport(
     drawn = _draws(plain, keys, *shape)
     up, down = _channels(_with_loss(plain, loss), keys, *shape)
     drawn = replace(drawn, uplink=replace(drawn.uplink, link=up), downlink=replace(drawn.downlink, link=down))
-    found = jax.tree.map(np.asarray, _loops(clear, drawn, tau))
+    found = jax.tree.map(np.asarray, _loops(clear, drawn, tau, edge or Edge()))
     return Sent(*found)
 
 
@@ -91,21 +99,21 @@ def _channels(network: DdsNetwork, keys: Array, num_ticks: int, num_robots: int,
     return jax.vmap(lambda key: network.channels(key, num_ticks, num_robots, tau))(keys)
 
 
-@partial(jax.jit, static_argnums=(0, 2))
-def _loops(network: DdsNetwork, draws: Draws, tau: float) -> tuple:
-    return jax.vmap(lambda one: _one_seed(network, one, tau))(draws)
+@partial(jax.jit, static_argnums=(0, 2, 3))
+def _loops(network: DdsNetwork, draws: Draws, tau: float, edge: Edge) -> tuple:
+    return jax.vmap(lambda one: _one_seed(network, one, tau, edge))(draws)
 
 
-def _one_seed(network: DdsNetwork, draws: Draws, tau: float) -> tuple:
-    loops: Loops = network.loops_from(draws, tau)
-    ticks = loops.compute.shape[0]
+def _one_seed(network: DdsNetwork, draws: Draws, tau: float, edge: Edge) -> tuple:
+    loops: Loops = network.loops_from(draws, tau, edge)
+    ticks = loops.ended.shape[0]
     seconds = max(int(ticks * tau + 1e-6), 1)
 
     def counted(topic: Topic, traffic: Traffic) -> dict[str, Array]:
         each = jax.vmap(lambda one: per_second(topic, one, seconds))(traffic)
         return jax.tree.map(lambda a: jnp.sum(a, axis=0), each)
 
-    landed = loops.loop_time + jnp.arange(ticks, dtype=loops.compute.dtype)[:, None] * tau
+    landed = loops.loop_time + jnp.arange(ticks, dtype=loops.ended.dtype)[:, None] * tau
     period = network.downlink.profile.deadline
     missed = jax.vmap(lambda handed: missed_periods(handed, period, ticks * tau), in_axes=1)(landed)
     return (

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from qocjax.network._fields import no_nan, store_float
-from qocjax.network.completion import latest
 from qocjax.network.dds.link import Channel
 from qocjax.network.dds.transport import Topic, TopicDraws, Traffic, carry, draw_channels, draw_topics
-from qocjax.network.empirical import Empirical
-from qocjax.network.interface import DelayLaw, loop_times
+from qocjax.network.edge import Edge
+from qocjax.network.estimate import simulated
+from qocjax.network.interface import DelayLaw, Load, Reliability, Serve
 from qocjax.network.parametric import Constant
 
 __all__ = ["DdsNetwork", "Draws", "Loops"]
 
-_F_SEEDS, _F_TICKS = 32, 2048  # loops behind F(deadline)
+_F_TICKS = 2048  # loops of each run behind F(deadline)
 
 
 @jax.tree_util.register_dataclass
@@ -40,7 +37,7 @@ class Loops:
     """The loops of one seed, part by part, and what they put on the links."""
 
     uplink: Array  # [P, N] s from sampling until the edge has the sample, inf for never
-    compute: Array  # [P, N] s
+    ended: Array  # [P, N] s from sampling until the computation ends, inf for never
     downlink: Array  # [P, N] s from the end of the computation until the robot has the command, inf for never
     uplink_traffic: Traffic  # each [N, ...]
     downlink_traffic: Traffic  # each [N, ...]
@@ -48,7 +45,7 @@ class Loops:
     @property
     def loop_time(self) -> Array:
         """T_net [P, N] s, inf where a message of the loop is never handed over."""
-        return self.uplink + self.compute + self.downlink
+        return self.ended + self.downlink
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +61,6 @@ class DdsNetwork:
     compute: DelayLaw = field(default_factory=Constant)
     downlink: Topic = field(default_factory=Topic)
     name: str = "dds"
-    period: float = 0.01  # s, sampling period that `reliability` is said for
 
     def __post_init__(self) -> None:
         for leg in ("uplink", "downlink"):
@@ -72,7 +68,6 @@ class DdsNetwork:
                 raise TypeError(f"DdsNetwork.{leg}: got {getattr(self, leg)!r}, expected a Topic")
         if not isinstance(self.compute, DelayLaw):
             raise TypeError(f"DdsNetwork.compute: got {self.compute!r}, expected a delay law")
-        store_float(self, "period", above=0.0)
 
     def with_qos(self, **changes: Any) -> DdsNetwork:
         """Returns the network with another QoS on both topics, see `Profile`."""
@@ -90,21 +85,57 @@ class DdsNetwork:
         of_topics, _ = jax.random.split(key)
         return draw_channels((self.uplink, self.downlink), of_topics, num_ticks, num_robots, tau)
 
-    def loops_from(self, draws: Draws, tau: float) -> Loops:
-        """Works out the loops from what was drawn; no law of delay or loss is read here."""
-        sampled = jnp.arange(draws.compute.shape[1], dtype=draws.compute.dtype) * tau
+    def loops_from(self, draws: Draws, tau: Array | float, edge: Edge | None = None) -> Loops:
+        """Works out the loops of one seed from what was drawn; no law of delay or loss is read here.
 
-        def one_robot(draws: Draws) -> tuple[Array, Array, Traffic, Traffic]:
-            up, down = draws.uplink, draws.downlink
-            there, up_traffic = carry(sampled, up, down.link, self.uplink)
-            ready = sampled + there + draws.compute
+        Args:
+            draws: From `draws`.
+            tau: s.
+            edge: The workers, by default one for each sample; it gives nothing up.
+        """
+        there, up_traffic = self._up(draws, tau)
+        served = (edge or Edge()).serve(there, draws.compute.T, tau, 0.0)
+        back, down_traffic = self._down(draws, served.ended, tau)
+        return Loops(there, served.ended, back, up_traffic, down_traffic)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all samples that are handed over at the edge take the same time to: not told here."""
+        return False
+
+    def draw_parts(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Draws:
+        """Draws what chance decides, before any edge; arguments as for `draw`."""
+        return self.draws(key, num_ticks, num_robots, tau)
+
+    def through(self, parts: Draws, serve: Serve, tau: Array | float) -> Array:
+        """Loop times [D, S, P, N] s of loops that are served by an edge (see `Path` in `edge_network`)."""
+        there, _ = jax.vmap(lambda draws: self._up(draws, tau))(parts)
+        ended = serve(there, jnp.swapaxes(parts.compute, -1, -2))
+
+        def back(draws: Draws, at: Array) -> Array:
+            return at + self._down(draws, at, tau)[0]
+
+        return jax.vmap(jax.vmap(back), (None, 0))(parts, ended)
+
+    def _up(self, draws: Draws, tau: Array | float) -> tuple[Array, Traffic]:
+        """Time from sampling until the edge has each sample, [P, N] s, and the traffic, each [N, ...]."""
+        there, traffic = jax.vmap(lambda up, back: carry(_sampled(draws, tau), up, back, self.uplink))(
+            draws.uplink, draws.downlink.link
+        )
+        return there.T, traffic
+
+    def _down(self, draws: Draws, ended: Array, tau: Array | float) -> tuple[Array, Traffic]:
+        """Time from the end of each computation, [P, N] s since sampling, until the robot has the command."""
+
+        def one_robot(at: Array, down: TopicDraws, back: Channel) -> tuple[Array, Traffic]:
+            ready = _sampled(draws, tau) + at
             order = jnp.argsort(ready)
             down = replace(down, data=jax.tree.map(lambda a: a[order], down.data))
-            back, down_traffic = carry(ready[order], down, up.link, self.downlink)
-            return there, jnp.zeros_like(back).at[order].set(back), up_traffic, down_traffic
+            taken, traffic = carry(ready[order], down, back, self.downlink)
+            return jnp.zeros_like(taken).at[order].set(taken), traffic
 
-        there, back, up_traffic, down_traffic = jax.vmap(one_robot)(draws)
-        return Loops(there.T, draws.compute.T, back.T, up_traffic, down_traffic)
+        back, traffic = jax.vmap(one_robot)(ended.T, draws.downlink, draws.uplink.link)
+        return back.T, traffic
 
     def loops(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Loops:
         """Simulates the loops of one Monte Carlo seed; arguments as for `draw`."""
@@ -114,15 +145,15 @@ class DdsNetwork:
         """Draws the loop times of one Monte Carlo seed, [P, N] s, inf where lost."""
         return self.loops(key, num_ticks, num_robots, tau).loop_time
 
-    def reliability(self, deadline: Any) -> np.ndarray:
-        """Returns F(deadline) at the sampling period `period`, from 65536 simulated loops, float64, same shape.
+    def reliability(self, deadline: Any, load: Load) -> Reliability:
+        """Estimates F(deadline) at the load's sampling period from 65536 simulated loops of one robot.
 
         It says how many loops complete, not how they come: repairs stall loops, then deliver them in bursts.
 
         Raises:
             ValueError: A deadline is NaN.
         """
-        return self._law.cdf(latest(no_nan("deadline", deadline)))
+        return simulated(self, deadline, Load(_F_TICKS, 1, load.tau))
 
     def describe(self) -> dict[str, Any]:
         """Returns the network as plain values."""
@@ -131,11 +162,11 @@ class DdsNetwork:
             | {"profile": topic.profile.describe(), "payload": topic.payload, "in_order": topic.in_order}
             for leg, topic in (("uplink", self.uplink), ("downlink", self.downlink))
         }
-        return {"kind": type(self).__name__, "name": self.name, "period": self.period} | legs | {
+        return {"kind": type(self).__name__, "name": self.name} | legs | {
             "compute": self.compute.describe()
         }  # fmt: skip
 
-    @cached_property
-    def _law(self) -> Empirical:
-        keys = jax.random.split(jax.random.key(0), _F_SEEDS)
-        return Empirical(np.asarray(loop_times(self, keys, _F_TICKS, 1, self.period), np.float64).ravel())
+
+def _sampled(draws: Draws, tau: Array | float) -> Array:
+    """Sampling instants [P] s."""
+    return jnp.arange(draws.compute.shape[1], dtype=draws.compute.dtype) * tau

@@ -61,9 +61,7 @@ def find(problem: Problem, method: str, budget: int, *, repetition: int = 0, key
                          "final choice")  # fmt: skip
     rng = np.random.default_rng([abs(key), repetition, list(METHODS).index(method)])
     first = FIRST["search"] + _APART * (repetition * len(METHODS) + list(METHODS).index(method))
-    narrowed = problem.limits.narrowed(
-        problem.space, problem.objective.network, problem.traffic, problem.objective.scenario.num_robots
-    )
+    narrowed = problem.limits.narrowed(problem.space, problem.objective.reliability, problem.demand)
     trial = Trial(replace(problem, space=narrowed), budget - reserve, first, rng, block)
     try:
         METHODS[method](trial)

@@ -45,7 +45,7 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: np.ndarray
         `difference` with its paired interval.
     """
     scores, collided = problem.simulate(designs, seeds)
-    demand = problem.traffic.of(designs.tau, problem.objective.scenario.num_robots)
+    demand = problem.demand(np.asarray(designs.tau))
     table = pd.DataFrame({item.name: np.asarray(getattr(designs, item.name), float) for item in fields(Design)})
     intervals = [problem.measure.interval(row) for row in scores]
     table["score"] = [found.mean for found in intervals]
@@ -55,7 +55,7 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: np.ndarray
     shares = [stats.binomtest(int(row.sum()), row.size).proportion_ci() for row in collided]
     table["collision_share"] = collided.mean(axis=1)
     table["collision_low"], table["collision_high"] = [s.low for s in shares], [s.high for s in shares]
-    table["reliability"] = problem.objective.network.reliability(table["deadline"].to_numpy())
+    table["reliability"], table["reliability_se"] = problem.objective.reliability(table["deadline"], table["tau"])
     for name, values in asdict(demand).items():
         table[name] = values
     table["excess"] = problem.excess(designs, collided)

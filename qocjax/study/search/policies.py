@@ -36,13 +36,14 @@ def policy_designs(
     scores, collided = problem.simulate(grid.designs, seeds)
     excess = problem.excess(grid.designs, collided, cautious=True)
     allowed = np.where(excess > 0, np.nan, problem.measure(scores))[grid.design]
+    known = problem.objective.reliability(grid.designs.deadline, grid.designs.tau)
     rows = []
     for name, policy in POLICIES.items():
         choices = []
         for sweep in dict.fromkeys(grid.sweep):
             members = grid.rows(sweep)
             table = allowed[members]
-            reliability = problem.objective.network.reliability(grid.deadline[members[0]])
+            reliability = known.share[grid.design[members]]
             try:
                 value, deadline = policy(table, reliability, min_reliability)
             except ValueError:  # nothing but NaN where the policy looks, or no deadline with enough reliability

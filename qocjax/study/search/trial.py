@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from qocjax.batch import gradient
-from qocjax.network.demand import Traffic
+from qocjax.network.demand import Demand, Traffic
 from qocjax.quality import qoc_slope
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
@@ -41,10 +41,13 @@ class Problem:
         runs = self.objective.runs(designs, seeds)
         return qoc_by_seed(runs, self.objective.scale), runs["collided"].values.astype(bool)
 
+    def demand(self, tau: np.ndarray) -> Demand:
+        """What sampling periods (s) ask of network and edge."""
+        return self.traffic.of(tau, self.objective.scenario.num_robots, self.objective.workers(tau))
+
     def excess(self, designs: Design, collided: np.ndarray, *, cautious: bool = False) -> np.ndarray:
         """By how much designs break the limits, [G]."""
-        demand = self.traffic.of(designs.tau, self.objective.scenario.num_robots)
-        known = self.limits.of_network(designs, self.objective.network, demand)
+        known = self.limits.of_network(designs, self.objective.reliability, self.demand(np.asarray(designs.tau)))
         return known + self.limits.of_runs(collided, cautious=cautious)
 
     def fitness(self, scores: np.ndarray, excess: np.ndarray) -> np.ndarray:

@@ -121,7 +121,9 @@ def judge(problem: Problem, free: np.ndarray, selection: np.ndarray, evaluation_
             }
         )  # fmt: skip
     table = pd.DataFrame(rows)
-    table.insert(1, "reliability", problem.objective.network.reliability(problem.deadlines))
+    share, error = problem.objective.reliability(problem.deadlines, problem.baseline.tau)
+    table.insert(1, "reliability", share)
+    table.insert(2, "reliability_se", error)
     return table
 
 

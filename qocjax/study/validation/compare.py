@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from qocjax.network.interface import Reliability
 from qocjax.study.validation.agreement import Agreement, agreement
 from qocjax.study.validation.curves import Curve, common, normalised
 from qocjax.study.validation.regimes import Regimes, regimes
@@ -34,7 +35,7 @@ class Validation:
 def compare(
     simulated: Curve,
     measured: Curve,
-    reliability: Callable[[np.ndarray], np.ndarray],
+    reliability: Callable[[np.ndarray], Reliability],
     *,
     resamples: int = 2000,
     random: int = 0,
@@ -57,7 +58,7 @@ def compare(
     found = agreement(s, e, resamples, random)
     drawn = resample(s, e, resamples, random)
     both = {"simulated": regimes(s, drawn.simulated, share), "measured": regimes(e, drawn.measured, share)}
-    loops = np.asarray(reliability(s.delays), np.float64)
+    loops = reliability(s.delays)
     gaps = normalised(_varied(drawn.simulated)) - normalised(_varied(drawn.measured))
     curve = _curve_table(s, e, loops, gaps)
     return Validation(s, e, found, both, curve, _agreement_table(found), _regime_table(both, reliability))
@@ -69,13 +70,13 @@ def _varied(curves: np.ndarray) -> np.ndarray:
     return np.where(bad[:, None], curves[~bad][:1], curves)
 
 
-def _curve_table(s: Curve, e: Curve, loops: np.ndarray, gaps: np.ndarray) -> pd.DataFrame:
+def _curve_table(s: Curve, e: Curve, loops: Reliability, gaps: np.ndarray) -> pd.DataFrame:
     """Means with Student intervals, in s and on the normalised scale, and the difference with its bootstrap interval.
 
     The interval of a normalised value is that of the mean on the scale of the curve's own minimum and maximum: a
     bootstrap of normalised values would have none where the curve is 0 or 100 by definition.
     """
-    columns: dict[str, np.ndarray] = {"delay": s.delays, "reliability": loops}
+    columns: dict[str, np.ndarray] = {"delay": s.delays, "reliability": loops.share, "reliability_se": loops.error}
     for name, curve in zip(CURVES, (s, e), strict=True):
         mean, half = curve.mean, curve.half_widths()
         scale = 100.0 / np.ptp(mean)
@@ -98,7 +99,7 @@ def _agreement_table(found: Agreement) -> pd.DataFrame:
     return pd.DataFrame(rows).assign(delays=found.delays, paired=found.paired)
 
 
-def _regime_table(found: dict[str, Regimes], reliability: Callable[[np.ndarray], np.ndarray]) -> pd.DataFrame:
+def _regime_table(found: dict[str, Regimes], reliability: Callable[[np.ndarray], Reliability]) -> pd.DataFrame:
     """Begin and end of each regime with their intervals (s), F there, and how far AUC falls or rises in it (of 100)."""
     rows = []
     for curve, each in found.items():
@@ -111,7 +112,7 @@ def _regime_table(found: dict[str, Regimes], reliability: Callable[[np.ndarray],
             for name, end in (("begin", bounds[k]), ("end", bounds[k + 1]), ("change", moved[k])):
                 row |= {name: end.value, f"{name}_low": end.low, f"{name}_high": end.high}
             ends = (bounds[k].value, bounds[k + 1].value)
-            f = np.asarray(reliability(np.array(ends)), np.float64)
+            f = reliability(np.array(ends)).share
             row |= {"reliability_begin": f[0], "reliability_end": f[1]}
             row["begins_before"] = k == 0 and each.open
             rows.append(row)

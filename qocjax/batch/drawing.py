@@ -1,0 +1,80 @@
+"""What Monte Carlo seeds fix: start poses, what chance decides of the network, keys; and the loop times that follow."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from qocjax.network.contention import contend
+from qocjax.network.interface import Network, SharedNetwork
+
+__all__ = ["Chance", "draw_length", "draw_seeds", "loops_of"]
+
+
+class Chance(NamedTuple):
+    """What Monte Carlo seeds fix, whatever the design."""
+
+    start: Array  # [S, N, 3] start poses
+    network: Any  # loop times [S, P, N] s; of a `SharedNetwork` what `contend` makes them from
+    keys: Array  # [S, 2] words of a random key, for controllers that draw
+
+
+@partial(jax.jit, static_argnames=("jitter", "network", "num_ticks", "tau"))
+def draw_seeds(
+    start: Array,
+    jitter: tuple[float, float],
+    network: Network,
+    seeds: Array,
+    key: int | Array,
+    num_ticks: int,
+    tau: float,
+) -> Chance:
+    """Draws what Monte Carlo seeds fix; a seed's draws do not depend on which others are drawn with it.
+
+    Args:
+        start: [N, 3] nominal start poses.
+        jitter: Standard deviation of position (m) and heading (rad) (model, section 1).
+        network: Where loop times come from.
+        seeds: [S] whole numbers.
+        key: Root of all random numbers.
+        num_ticks: P.
+        tau: Sampling period (s).
+
+    Returns:
+        Start poses and loop times in JAX's default float type, and words of keys.
+    """
+    spread = jnp.asarray([jitter[0], jitter[0], jitter[1]], start.dtype)
+    root = jax.random.key(key)
+
+    def draw(seed: Array) -> Chance:
+        of_seed = jax.random.fold_in(root, seed)
+        of_start, of_network = jax.random.split(of_seed)
+        noise = jax.random.normal(of_start, start.shape, start.dtype)
+        drawn = network.draw(of_network, num_ticks, start.shape[0], tau)
+        return Chance(start + noise * spread[None, :], drawn, jax.random.key_data(jax.random.fold_in(of_seed, 2)))
+
+    return jax.vmap(draw)(seeds)
+
+
+def draw_length(network: Network, ticks: int, tau: float, length: int) -> tuple[int, float]:
+    """For how many ticks, at what sampling period, a run is drawn: one program serves many where rows stand alone.
+
+    Args:
+        network: Where loop times come from.
+        ticks: P of the run.
+        tau: Its sampling period (s).
+        length: Ticks of the program to be shared.
+    """
+    stable = getattr(network, "prefix_stable", False) and getattr(jax.config, "jax_threefry_partitionable", True)
+    return (length, 1.0) if stable else (ticks, tau)
+
+
+def loops_of(network: Network, drawn: Any, num_ticks: int, tau: float, deadline: float) -> Array:
+    """Loop times [S, P, N] s at one deadline, whatever the network."""
+    if not isinstance(network, SharedNetwork):
+        return drawn
+    return contend(network, drawn, num_ticks, tau, jnp.asarray([deadline])).loop_times[0]

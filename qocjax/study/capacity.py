@@ -1,0 +1,68 @@
+"""What a study takes for granted of network and edge, in words: computations at once, and queues that never end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qocjax.network.cell import CellNetwork
+from qocjax.network.computing import computations_at_once
+from qocjax.network.interface import Load, Network
+from qocjax.study.chunks import Problem
+from qocjax.study.reliability import load_of
+from qocjax.study.sweep import Study
+
+__all__ = ["at_once_text", "overload_texts", "usual_load"]
+
+
+def usual_load(study: Study, problem: Problem) -> tuple[Load, float]:
+    """The load at the sampling period that most designs of a study have, and the deadline of its best choice (s)."""
+    tau = float(study.results["tau"].value_counts().index[0])
+    best = study.policies.loc[study.policies["qoc"].idxmax()]
+    return load_of(problem.scenario, tau), float(best["deadline"])
+
+
+def at_once_text(network: Network, load: Load, deadline: float) -> str:
+    """A line on how many computations at once a network has under way, of all robots together."""
+    found = computations_at_once(network, load, deadline)
+    if found is None:
+        return f"{network.name}: it does not tell how many computations it had under way at once."
+    edge = getattr(network, "edge", None)
+    total = np.inf if edge is None else edge.total(load.num_robots)
+    limit = "an edge without limit" if edge is None or np.isinf(total) else f"{total:g} workers ({edge.discipline})"
+    return (
+        f"At τ = {1e3 * load.tau:g} ms {load.num_robots} robots have {_count(found.mean)} computations under way at "
+        f"once in the mean, {_count(found.peak)} at the peak, on {limit}."
+    )
+
+
+def overload_texts(network: Network, load: Load, deadline: float) -> list[str]:
+    """A line for each queue that is offered more than it can serve: its delay grows without bound.
+
+    Args:
+        network: Where loops come from.
+        load: What it carries.
+        deadline: Delta (s), for which it is said when the queue alone passes it.
+    """
+    offered = {}
+    edge = getattr(network, "edge", None)
+    if edge is not None and edge.discipline == "fifo" and not edge.abort:
+        law = getattr(getattr(network, "path", network), "compute", None)
+        if law is not None:
+            mean = float(np.mean(law.quantile((np.arange(2000) + 0.5) / 2000)))
+            offered["the edge (fifo)"] = load.num_robots * mean / (load.tau * edge.total(load.num_robots))
+    if isinstance(network, CellNetwork):
+        for way in ("uplink", "downlink"):
+            if way == "downlink" and edge is not None and edge.finite:
+                continue  # only what was computed goes down
+            slots = getattr(network, way).mean_size(network.harq_max)
+            offered[f"the {way} of the cell"] = load.num_robots * slots / (load.tau * network.free_slots_per_s(way))
+    return [
+        f"{what} is offered {share:.0%} of what it can serve: delay grows without bound, by {share - 1.0:.2g} s a "
+        f"second, and passes {1e3 * deadline:g} ms after {deadline / (share - 1.0):.2g} s"
+        for what, share in offered.items()
+        if share > 1.0
+    ]
+
+
+def _count(number: float) -> str:
+    return f"{number:.0f}" if number >= 10 else f"{number:.2g}"
