@@ -24,7 +24,7 @@ DATA = Path(os.environ.get("QOCJAX_DATA", ROOT / ".." / "shared" / "data")).reso
 
 MOCAP = 'topics.poses=["/vrpn_client_node/turtlebot{robot}_cap/pose"]'
 JOBS: dict[str, tuple[str, list[str]]] = {
-    "turtlebot3": ("turtlebot3-bags", ["robot=turtlebot3_burger"]),
+    "turtlebot3": ("turtlebot3-bags", ["robot=turtlebot3_burger", "quality.goal=end"]),
     "turtlebot4_mocap": ("turtlebot4-bags", [MOCAP]),
     "turtlebot4_odometry": ("turtlebot4-bags", ["topics.poses=['/{robot}/odom']"]),
     "cleave": ("cleave-wifi-loop", ["stamps=cleave"]),
@@ -38,7 +38,8 @@ FIGURES = {
 }
 COLUMNS = [
     "recorded", "robots", "duration", "auc", "min_distance", "path_length", "commands", "command_period",
-    "command_gaps", "longest_command_gap", "hold_share", "pose_late_p50", "pose_late_p99", "loops", "lost",
+    "command_gaps", "longest_command_gap", "hold_share", "command_to_motion", "command_to_motion_half",
+    "pose_late_p50", "pose_late_p99", "loops", "lost",
     "lost_uplink", "period", "loop_p50", "loop_p95", "loop_p99", "uplink_p50", "compute_p50", "downlink_p50",
     "parts_share", "clock_uncertainty", "clock_drift_ppm", "offered_qos",
 ]  # fmt: skip

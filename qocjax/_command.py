@@ -17,6 +17,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from qocjax._quoting import quoted_options
 from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
 from qocjax.config import conf_dir
@@ -28,8 +29,19 @@ __all__ = ["command", "given_options", "output_dir", "printed_unit", "resumed"]
 C = TypeVar("C", bound=Part)
 
 
-def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
-    """Makes a function of a configuration a Hydra command line with the primary configuration `conf/<name>.yaml`."""
+_LONGEST = 2000  # letters of an error
+
+
+def command(
+    name: str, short: dict[str, tuple[str, str]] | None = None
+) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
+    """Makes a function of a configuration a Hydra command line with the primary configuration `conf/<name>.yaml`.
+
+    Args:
+        name: Of the configuration.
+        short: Options that stand for two others: `path=FILE` for one that is given as it is, and one that takes the
+            value, such as `{"path": ("network=trace", "network.path")}`.
+    """
 
     def wrap(main: Callable[[DictConfig], None]) -> Callable[[], None]:
         @functools.wraps(main)
@@ -50,6 +62,7 @@ def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], 
         def entry() -> None:
             _set_up_jax()
             OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
+            sys.argv[1:] = quoted_options(_expanded(sys.argv[1:], short or {}))
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:
                 run()
@@ -64,6 +77,14 @@ def command(name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], 
     return wrap
 
 
+def _expanded(arguments: list[str], short: dict[str, tuple[str, str]]) -> list[str]:
+    found = []
+    for argument in arguments:
+        name, mark, value = argument.partition("=")
+        found += [short[name][0], f"{short[name][1]}={value}"] if mark and name in short else [argument]
+    return found
+
+
 def _fail(error: Exception) -> NoReturn:
     """Ends the program with an error in one line."""
     text = str(error).partition("Config search path")[0].strip()  # Hydra lists folders there
@@ -71,7 +92,7 @@ def _fail(error: Exception) -> NoReturn:
         text = f"{error.filename}: {error.strerror}"
     for lines, line in ((r":\s*\n\s*", ": "), (r"\.\s*\n\s*", ". "), (r"\s*\n\s*", ", ")):
         text = re.sub(lines, line, text)
-    print(f"error: {text}", file=sys.stderr)
+    print(f"error: {text if len(text) <= _LONGEST else text[:_LONGEST] + ' ...'}", file=sys.stderr)
     sys.exit(2)
 
 
@@ -84,8 +105,11 @@ def _set_up_jax() -> None:
     """Fast loops on CPUs, and compiled programs kept between runs in the user's cache folder."""
     request_whole_loop()
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "qocjax" / "xla"
-        jax.config.update("jax_compilation_cache_dir", str(cache))
+        try:
+            cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "qocjax" / "xla"
+            jax.config.update("jax_compilation_cache_dir", str(cache))
+        except RuntimeError:  # a user without a home has no cache
+            pass
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 

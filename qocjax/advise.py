@@ -18,6 +18,7 @@ from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.save import save
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
+from qocjax.recorded.text import run_lines
 from qocjax.store import provenance, write_config, write_table, write_text
 from qocjax.study.advice import Advice, advise, plain
 from qocjax.study.slack import Slack
@@ -38,9 +39,10 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
         ValueError: A value of the configuration is out of range, or nothing can be advised.
     """
     config.surrogate_only()
-    options = config.advise
+    options, network = config.advise, config.build_network()
+    config.check_rate(network, config.loop.tau)
     advice = advise(
-        config.build_scenario(), config.build_network(), config.current(), config.bounds(),
+        config.build_scenario(), network, config.current(), config.bounds(),
         rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
         max_collision_share=options.max_collision_share, effort=config.effort(), asked=config.asked(),
     )  # fmt: skip
@@ -92,11 +94,13 @@ def _draw(advice: Advice, folder: Path) -> None:
     save(sensitivity_bars(advice.elasticities, advice.sobol), folder / "sensitivity")
 
 
-@command("advise")
+@command("advise", short={"path": ("network=trace", "network.path")})
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(AdviseConfig, cfg)
     folder = output_dir()
+    if (log := config.log()) is not None:
+        print("\n".join(run_lines(log.read(), None)), end="\n\n")
     print(page(run(config, folder)))
     print(f"advice.yaml, nav2_params.yaml and figures are in {folder}")
 

@@ -112,6 +112,7 @@ def _problem(config: CodesignConfig) -> Problem:
     space, measure, limits, traffic = (
         config.build_space(), config.build_measure(), config.limits.build(), config.traffic.build()
     )  # fmt: skip
+    config.check_rate(network, min(space.tau))
     scale = config.scale()
     if scale is None:
         seeds = range(FIRST["pilot"], FIRST["pilot"] + config.sweep.seeds)

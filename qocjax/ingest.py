@@ -59,7 +59,7 @@ def run(config: IngestConfig, folder: Path | None = None, *, quiet: bool = False
         ValueError: A value of the configuration is out of range, or no run can be read.
     """
     rules, labels, given = config.build(), config.labels.build(), config.quality.scale()
-    files = find_runs(Path(config.path), rules.stamps)
+    files = find_runs(Path(config.path), rules.stamps, rules.poses, rules.kind)
     found, failed = [], {}
     for each in tqdm(files, desc="runs", file=sys.stderr, disable=True if quiet or len(files) == 1 else None):
         try:
@@ -92,6 +92,8 @@ def _write(result: Ingested, config: IngestConfig, folder: Path) -> None:
             write_table(folder / name, table)
     for each in result.runs:
         place = folder / "runs" / file_name(each.name)
+        for name, delays in each.one_way.items():
+            write_table(place / f"delays_{name}", pd.DataFrame({"delay": delays}))
         for robot, trace in each.loops.items():
             write_table(place / f"trace_{file_name(robot)}", trace.table)
             write_table(place / f"reliability_{file_name(robot)}", reliability_table(trace, config.deadline_ms))
@@ -119,7 +121,7 @@ def report(result: Ingested) -> str:
     if result.scale is not None:
         median, largest = result.scale.median, result.scale.largest
         lines += ["", f"QoC is relative to J_med = {median:.4g} s and J_max = {largest:.4g} s."]
-    elif any(each.quality is not None for each in result.runs):
+    elif result.summary.get("auc", pd.Series(dtype=float)).notna().any():
         lines += ["", "No QoC: one AUC has nothing to be compared with; quality.j_med and quality.j_max give a scale."]
     return "\n".join(lines)
 

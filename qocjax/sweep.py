@@ -57,6 +57,8 @@ def run(
     """
     problem, grid = config.build_problem(), config.build_grid()
     room = config.build_map()
+    if (remark := config.rate_remark(problem.network, float(np.min(problem.designs.tau)))) is not None:
+        _note(remark)
     if folder is None:
         return _simulate(config, problem, grid, None, quiet)
     if config.arrays:

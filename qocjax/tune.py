@@ -39,6 +39,8 @@ def run(config: TuneConfig, folder: Path | None = None, *, quiet: bool = False) 
     scenario, network, baseline = config.build_scenario(), config.build_network(), config.baseline()
     bounds, settings, deadlines = config.build_bounds(), config.build_search(), config.deadlines()
     rules, (selection, evaluation) = config.loop.build(), config.seeds()
+    if (remark := config.rate_remark(network, config.loop.tau)) is not None:
+        tqdm.write(f"note: {remark}", file=sys.stderr)
     scale = config.scale() or pilot_scale(
         scenario, network, baseline, deadlines.tolist(), selection, rules=rules, key=config.key
     )

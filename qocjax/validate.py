@@ -111,7 +111,7 @@ def _recorded_points(
 ) -> pd.DataFrame:
     rules, labels, grouping = source.rules(config.robot.radius), source.labels.build(), source.grouping(delays)
     found, failed = [], []
-    files = find_runs(source.place(), rules.stamps)
+    files = find_runs(source.place(), rules.stamps, rules.poses, rules.kind)
     for each in tqdm(files, desc="reading", unit=" runs", file=sys.stderr, disable=True if quiet else None):
         try:
             found.append(read_run(each, rules, quiet=True))

@@ -18,6 +18,8 @@ ODOM = "nav_msgs/msg/Odometry"
 MOCAP = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/Twist"
 STAMPED = "geometry_msgs/msg/TwistStamped"
+TF = "tf2_msgs/msg/TFMessage"
+PATH = "nav_msgs/msg/Path"
 
 Message = tuple[float, str, str, Any]  # record time (s), topic, type, message
 _FOREVER = QosTime(9223372036, 854775807)
@@ -55,20 +57,48 @@ def stamped(stamp: float, nu: float, omega: float) -> Any:
     return _type(STAMPED)(header=header(stamp, "base_link"), twist=speeds(nu, omega))
 
 
+def transforms(*each: tuple[str, str, float, float, float, float]) -> Any:
+    """A message of transforms: parent, child, stamp, x, y, heading of each."""
+    made = []
+    for parent, child, stamp, x, y, heading in each:
+        turn = _type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=np.sin(heading / 2), w=np.cos(heading / 2))
+        place = _type("geometry_msgs/msg/Transform")(
+            translation=_type("geometry_msgs/msg/Vector3")(x=x, y=y, z=0.0), rotation=turn
+        )
+        stamped_ = _type("geometry_msgs/msg/TransformStamped")
+        made.append(stamped_(header=header(stamp, parent), child_frame_id=child, transform=place))
+    return _type(TF)(transforms=made)
+
+
+def plan(stamp: float, points: list[tuple[float, float]], frame: str = "map") -> Any:
+    return _type(PATH)(header=header(stamp, frame), poses=[pose(MOCAP, stamp, x, y, 0.0, frame) for x, y in points])
+
+
 def write_bag(
-    path: Path, messages: Iterable[Message], storage: str = "sqlite3", reliability: str = "RELIABLE", depth: int = 10
+    path: Path,
+    messages: Iterable[Message],
+    storage: str = "sqlite3",
+    reliability: str = "RELIABLE",
+    depth: int = 10,
+    publishers: int = 1,
+    compression: Any = None,
 ) -> Path:
-    """Writes messages in the order given."""
+    """Writes messages in the order given; `compression` is a mode and a format of rosbags."""
     qos = Qos(
         QosHistory.KEEP_LAST, depth, QosReliability[reliability], QosDurability.VOLATILE, _FOREVER, _FOREVER,
         QosLiveliness.AUTOMATIC, _FOREVER, False,
     )  # fmt: skip
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        topics: dict[str, Any] = {}
+    made = Writer(path, version=9, storage_plugin=plugin)
+    if compression:
+        made.set_compression(*compression)
+    with made as writer:
+        topics: dict[tuple[str, str], Any] = {}
         for record, topic, kind, message in messages:
-            if topic not in topics:
-                topics[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=[qos])
+            if (topic, kind) not in topics:
+                topics[topic, kind] = writer.add_connection(
+                    topic, kind, typestore=STORE, offered_qos_profiles=[qos] * publishers
+                )
             data = message if isinstance(message, bytes) else bytes(STORE.serialize_cdr(message, kind))
-            writer.write(topics[topic], EPOCH + round(record * 1e9), data)
+            writer.write(topics[topic, kind], EPOCH + round(record * 1e9), data)
     return path

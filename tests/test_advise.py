@@ -17,8 +17,11 @@ from matplotlib.figure import Figure
 
 from qocjax import Design, QocScale, Rules, paper_network
 from qocjax.advise import advice_values, page, run
+from qocjax.advise import run as advise_run
+from qocjax.codesign import run as codesign_run
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
+from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
@@ -234,6 +237,19 @@ def test_a_missing_trace_is_one_line(tmp_path: Path) -> None:
     ]
     done = subprocess.run([sys.executable, "-m", "qocjax.advise", *options], capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.strip() == "error: none.csv: no such file"
+
+
+@pytest.mark.parametrize("command", ["advise", "codesign"])
+def test_a_trace_is_not_replayed_faster_than_it_was_measured(command: str, composer: None, tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text("sent(ms),rtt\n" + "".join(f"{50 * k},9\n" for k in range(20)))
+    options = ["network=trace", f"network.path={path}", "network.column=rtt", "network.unit=ms"]
+    model, main = {"advise": (AdviseConfig, advise_run), "codesign": (CodesignConfig, codesign_run)}[command]
+    with pytest.raises(ValueError, match="measured with a loop every 50 ms .* and is replayed with one every (10|5)"):
+        main(load(model, compose(command, options)))
+    allowed = load(model, compose(command, [*options, "network.faster_than_measured=true"]))
+    allowed.check_rate(allowed.build_network(), 0.01)
+    load(model, compose(command, options)).check_rate(allowed.build_network(), 0.05)
 
 
 def test_what_fresh_seeds_do_not_bear_out_is_said(advice: Advice) -> None:

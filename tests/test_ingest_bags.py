@@ -106,7 +106,7 @@ def test_a_horizon_and_a_begin_cut_the_run(simulated: Any, tmp_path: Path) -> No
 
 
 def test_the_goal_is_where_robots_end_by_default(simulated: Any, tmp_path: Path) -> None:
-    judged = read(write_bag(tmp_path / "bag", poses(simulated)), Yardstick()).quality
+    judged = read(write_bag(tmp_path / "bag", poses(simulated)), Yardstick(goal="end")).quality
     assert judged is not None
     end = np.asarray(simulated.pose)[np.asarray(simulated.time) >= 11.0].mean(axis=(0, 1))[:2]
     np.testing.assert_allclose(judged.goal, end, atol=5e-3)

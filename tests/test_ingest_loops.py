@@ -11,10 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from qocjax.network import read_trace
+from qocjax.network import Load, Trace, read_trace
 from qocjax.recorded import ClockRules, LoopTrace, Rules, RunFiles, StampsFormat, TopicPatterns, read_run
 from qocjax.recorded.clocks import lower_envelope, steps, two_way_clock
 from qocjax.recorded.run import RecordedRun
+from qocjax.recorded.tables import percentile
+from qocjax.study.character import quantiles
 
 NONE = TopicPatterns((), ())
 PERIOD, LOOPS, EPOCH = 0.05, 4000, 1.7e9
@@ -279,3 +281,79 @@ def test_bad_json_is_one_clear_line(content: str, records: str | None, message: 
     path.write_text(content)
     with pytest.raises(ValueError, match=message):
         read_run(RunFiles("run", stamps=((path, None),)), Rules(NONE, StampsFormat(records=records)), quiet=True)
+
+
+def _rows(loops: int = 50) -> pd.DataFrame:
+    send = EPOCH + 0.05 * np.arange(loops)
+    return pd.DataFrame({"sequence": np.arange(loops), "uplink_send": send, "edge_receive": send + 0.005,
+                         "edge_send": send + 0.007, "downlink_receive": send + 0.012})  # fmt: skip
+
+
+def _times(table: pd.DataFrame) -> pd.DataFrame:
+    stamps = {name: pd.to_datetime((table[name] * 1e6).round().astype("int64"), unit="us") for name in COLUMNS[1:]}
+    return table.assign(**stamps)
+
+
+def _scaled(table: pd.DataFrame, factor: float) -> pd.DataFrame:
+    """Whole numbers of a smaller unit."""
+    whole = {name: (table[name] * 1e6).round().astype("int64") * int(factor // 1e6) for name in COLUMNS[1:]}
+    return table.assign(**whole)
+
+
+def _named(table: pd.DataFrame) -> pd.DataFrame:
+    scaled = table.assign(**{name: table[name] * 1e3 for name in COLUMNS[1:]})
+    return scaled.rename(columns={name: f"{name}(ms)" for name in COLUMNS[1:]})
+
+
+ISO = "%Y-%m-%dT%H:%M:%S.%fZ"
+LINES: dict[str, Any] = {"orient": "records", "lines": True, "double_precision": 9}
+WRITERS = {
+    "timestamps": ("loops.csv", lambda t, path: _times(t).to_csv(path, index=False)),
+    "timestamps with a T": ("loops.csv", lambda t, path: _times(t).to_csv(path, index=False, date_format=ISO)),
+    "parquet with timestamps": ("loops.parquet", lambda t, path: _times(t).to_parquet(path)),
+    "JSON lines": ("loops.jsonl", lambda t, path: t.to_json(path, **LINES)),
+    "ns, packed": ("loops.csv.gz", lambda t, path: _scaled(t, 1e9).to_csv(path, index=False)),
+    "ms in the names": ("loops.csv", lambda t, path: _named(t).to_csv(path, index=False)),
+    "decimal comma": ("loops.csv", lambda t, path: t.to_csv(path, index=False, sep=";", decimal=",")),
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_stamps_come_in_many_forms(kind: str, tmp_path: Path) -> None:
+    name, write = WRITERS[kind]
+    write(_rows(), tmp_path / name)
+    run = read_run(RunFiles("run", stamps=((tmp_path / name, None),)), Rules(NONE), quiet=True)
+    table = trace_of(run).table
+    assert len(table) == 50 and not table["lost"].any() and found(run) == {}
+    np.testing.assert_allclose(table["loop_time"], 0.012, atol=1e-6)
+    np.testing.assert_allclose(table["compute"], 0.002, atol=1e-6)
+    assert trace_of(run).epoch == pytest.approx(EPOCH, abs=1e-5)
+
+
+def test_a_receive_stamp_of_0_is_a_lost_loop(tmp_path: Path) -> None:
+    table = _rows(10)
+    table.loc[[3, 4, 7], ["edge_receive", "edge_send", "downlink_receive"]] = 0
+    run = ingest(table, tmp_path)
+    assert trace_of(run).table.index[trace_of(run).table["lost"]].tolist() == [3, 4, 7]
+    assert found(run) == {"zero_stamps": 3} and trace_of(run).lost_uplink == 3
+
+
+def test_a_unit_that_the_stamps_contradict_is_refused_or_said(tmp_path: Path) -> None:
+    path = tmp_path / "loops.csv"
+    _rows().assign(uplink_send=1_700_000_000_000_000_000).to_csv(path, index=False)
+    with pytest.raises(ValueError, match=r"stamps.unit: got 's' for column 'uplink_send' of .*, expected 'ns'"):
+        read_run(RunFiles("run", stamps=((path, None),)), Rules(NONE, StampsFormat(unit="s")), quiet=True)
+    small = _rows().assign(**{name: (_rows()[name] - EPOCH) / 2553 for name in COLUMNS[1:]})
+    assert any("half of the loops take less than 4.7 us" in note for note in ingest(small, tmp_path).findings.notes)
+    long = _rows().assign(downlink_receive=_rows()["downlink_receive"] + 3.0)
+    assert any(
+        "half of the loops take more than 3.012 s in a" in note for note in ingest(long, tmp_path).findings.notes
+    )
+
+
+def test_percentiles_are_those_of_advice(tmp_path: Path) -> None:
+    loop = np.array([10.0, 20.0, 30.0, 263.0, 271.0, np.inf]) / 1e3
+    quantile = quantiles(Trace(loop, "loops"), Load(100, 1, 0.05), [0.5 * 5 / 6, 0.8 * 5 / 6, 0.95 * 5 / 6])
+    assert [percentile(loop[:5], level) for level in (50, 80, 95)] == pytest.approx(
+        quantile.tolist(), rel=2e-6
+    )  # a deadline's tolerance

@@ -169,19 +169,39 @@ def test_negate_turns_dark_and_light(tmp_path):
 
 
 def test_mode_scale_spreads_what_is_between(tmp_path):
+    for mode in ("trinary", "Trinary", "TRINARY"):  # Nav2 lowers the word
+        assert np.array_equal(read_map(write(tmp_path, YAML + f"mode: {mode}\n")).cost, read_map(write(tmp_path)).cost)
     path = write(tmp_path, YAML + "mode: scale\n")
     np.testing.assert_array_equal(read_map(path).cost, [[0, 0, 0, 0, 254], [254, 0, 0, 0, 0]])
     # occ 0.6471 is 99 of 100 between the thresholds, 0.1961 is 0 of 100: 254 · 99 / 100 = 251.46.
     np.testing.assert_array_equal(read_map(path, trinary_costmap=False).cost[1], [254, 251, 0, 0, 0])
 
 
-def test_what_is_not_opaque(tmp_path):
-    pixels = np.array([[[255, 255, 255, 255], [255, 255, 255, 0], [0, 0, 0, 255]]], np.uint8)
+def test_what_is_not_opaque_is_unknown(tmp_path):
+    pixels = np.array([[[255, 255, 255, 255], [255, 255, 255, 0], [0, 0, 0, 255], [0, 0, 0, 0]]], np.uint8)
     text = YAML.replace("map.pgm", "map.png")
-    path = write(tmp_path, text + "mode: scale\n", pixels, "map.png")
-    np.testing.assert_array_equal(read_map(path).cost, [[0, 255, 254]])
-    # The map server counts opacity as a channel in mode trinary: 3/4 of white is occ 0.25, 1/4 is occ 0.75.
-    np.testing.assert_array_equal(read_map(write(tmp_path, text, pixels, "map.png")).cost, [[0, 255, 254]])
+    for mode in ("", "mode: scale\n"):
+        path = write(tmp_path, text + mode, pixels, "map.png")
+        np.testing.assert_array_equal(read_map(path).cost, [[0, 255, 254, 255]])
+    grey = np.array([[[205, 205, 205, 255], [254, 254, 254, 254]]], np.uint8)
+    np.testing.assert_array_equal(read_map(write(tmp_path, text, grey, "map.png")).cost, [[255, 255]])
+
+
+def test_opacity_as_humble_reads_it(tmp_path):
+    # Up to Iron it is one more channel in mode trinary: 3/4 of white is occ 0.25, 1/4 is occ 0.75, grey 205 is 0.147.
+    pixels = np.array([[[255, 255, 255, 255], [255, 255, 255, 0], [0, 0, 0, 255], [0, 0, 0, 0], [205, 205, 205, 255]]],
+                      np.uint8)  # fmt: skip
+    path = write(tmp_path, YAML.replace("map.pgm", "map.png"), pixels, "map.png")
+    np.testing.assert_array_equal(read_map(path, release="humble").cost, [[0, 255, 254, 254, 0]])
+    with pytest.raises(ValueError, match="release: got 'foxy', expected one of jazzy, humble"):
+        read_map(path, release="foxy")
+
+
+def test_colours_count_by_their_luma_since_jazzy(tmp_path):
+    pixels = np.array([[[0, 255, 0], [255, 0, 0], [0, 0, 255]]], np.uint8)  # luma 0.587, 0.299, 0.114
+    path = write(tmp_path, YAML.replace("map.pgm", "map.png").replace("0.196", "0.45"), pixels, "map.png")
+    np.testing.assert_array_equal(read_map(path).cost, [[0, 254, 254]])
+    np.testing.assert_array_equal(read_map(path, release="humble").cost, [[254, 254, 254]])  # a third each
 
 
 def test_mode_raw_is_the_occupancy(tmp_path):
@@ -216,7 +236,7 @@ def test_a_wrong_map_file_is_named_with_its_line(tmp_path, change, message):
 
 def test_a_wrong_image_or_no_file_is_named(tmp_path):
     path = write(tmp_path)
-    with pytest.raises(ValueError, match="nowhere.yaml: No such file"):
+    with pytest.raises(ValueError, match="nowhere.yaml: no such file"):
         read_map(tmp_path / "nowhere.yaml")
     for content in (b"no picture", b"P5 300 300 255\n123"):
         (tmp_path / "map.pgm").write_bytes(content)

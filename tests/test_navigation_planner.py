@@ -165,6 +165,16 @@ def test_an_empty_map_gives_the_octile_distance():
     np.testing.assert_array_equal(path.num_points, away.max(axis=1) + 1)
 
 
+def test_the_path_past_nav2s_square_takes_one_cell_more_than_smac():
+    # nav2_smac_planner, test_a_star.cpp: 82 cells there, where a diagonal may pass the corner of a closed cell.
+    cost = np.zeros((100, 100))
+    cost[40:61, 40:61] = 254.0
+    path = plan(
+        jnp.asarray(cost), jnp.array([2.05, 2.05]), jnp.array([8.05, 8.05]), Grid(0.1, (0.0, 0.0), (100, 100)), BASE
+    )
+    assert bool(path.reached) and int(path.num_points) == 83
+
+
 def test_no_diagonal_leads_past_a_closed_corner():
     room = jnp.full(SMALL.shape, 254.0).at[:3, :3].set(0.0).at[1, 1].set(253.0)  # a ring of eight cells
     ends = jnp.array([0.05, 0.15]), jnp.array([0.15, 0.05])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import json
 import math
 import warnings
 from collections.abc import Callable
@@ -11,6 +13,8 @@ import numpy as np
 import pytest
 
 from qocjax.network import read_histogram, read_samples, read_trace
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*nothing tells how often loops were measured")
 
 
 @pytest.fixture
@@ -79,6 +83,45 @@ def test_of_duplicates_the_smallest_delay_counts(write: Callable[..., Path]) -> 
         np.testing.assert_array_equal(read_trace(path, "rtt", "s", sequence="seq").delays, [0.1, 0.2])
 
 
+@pytest.mark.parametrize(
+    ("text", "options", "period", "origin"),
+    [
+        ("pub_time(ms) delay\n1722419558737 1\n1722419558793 1\n1722419558848 1\n", {}, 0.0555,
+         "column 'pub_time(ms)'"),
+        ("send_timestamp,delay\n1639276166.66,1\n1639276166.71,1\n1639276166.76,\n", {}, 0.05,
+         "column 'send_timestamp'"),
+        ("client_send,delay\n1526410284213.0,1\n1526410284280.0,1\n", {}, 0.067, "column 'client_send'"),
+        ("source_stamp,delay\n0.0,1\n0.02,1\n0.04,1\n9.04,1\n9.06,1\n", {}, 0.02, "column 'source_stamp'"),
+        ("timestamp,delay\n1700000000000000001,1\n1700000000020000001,1\n", {}, 0.02, "column 'timestamp'"),
+        ("when,delay\n5,1\n25,1\n,1\n45,1\n", {"stamp": "when", "stamp_unit": "ms"}, 0.02, "column 'when'"),
+        ("sent_ms,delay\n5,1\n25,1\n45,1\n5,1\n25,1\n", {}, 0.02, "column 'sent_ms'"),  # begins anew
+        ("sent(s),delay\n" + "".join(f"{k},1\n" for k in range(9) for _ in range(20)), {}, 0.0447,
+         "column 'sent(s)'"),
+        ("sent(ms),seq,delay\n0,0,1\n40,2,1\n60,3,1\n100,5,1\n120,6,1\n140,7,1\n160,8,1\n", {"sequence": "seq"}, 0.02,
+         "column 'sent(ms)'"),
+        ("sent_ms,delay\n5,1\n25,1\n", {"period": 0.03}, 0.03, "given"),
+    ],
+    ids=["CICV5G", "CLEAVE", "EdgeDroid", "own trace", "ns", "named", "anew", "coarse", "lost rows absent", "given"],
+)  # fmt: skip
+def test_period_is_that_of_the_send_times(
+    write: Callable[..., Path], text: str, options: dict, period: float, origin: str
+) -> None:
+    trace = read_trace(write(text), "delay", "ms", **options)
+    assert trace.period == pytest.approx(period, rel=1e-9) and trace.period_from == origin
+
+
+def test_a_burst_counts_by_its_mean(write: Callable[..., Path]) -> None:
+    rows = "".join(f"{100 * k + j},1\n" for k in range(50) for j in range(5))
+    assert read_trace(write("sent(ms),rtt\n" + rows), "rtt", "ms").period == pytest.approx(0.02, rel=0.02)
+
+
+def test_what_has_no_period_says_so(write: Callable[..., Path]) -> None:
+    with pytest.warns(UserWarning, match=r"loops.csv: nothing tells how often loops were measured"):
+        assert read_trace(write("time,rtt\n1,1\n2,1\n"), "rtt", "ms").period is None
+    with pytest.raises(ValueError, match=r"stamp_unit: got None for column 'when' of .*, expected s, ms, us or ns"):
+        read_trace(write("when,rtt\n1,1\n2,1\n"), "rtt", "ms", stamp="when")
+
+
 def test_fields_beyond_the_names_are_left_out_aloud(write: Callable[..., Path]) -> None:
     path = write("rtt x\n1 2\n1 2 3 4\n")
     with pytest.warns(UserWarning, match="rows of 4 fields for 2 names"):
@@ -97,9 +140,10 @@ def test_samples_are_a_law(write: Callable[..., Path]) -> None:
         ("rtt\n0.1\n-0.2\n", r"loops.csv, line 3, column 'rtt': got -0.2, expected a delay >= 0"),
         ("rtt\n0.1\n\n-inf\n", r"line 4, column 'rtt': got -inf, expected a delay >= 0"),
         ("rtt\n0.1\nfast\n", r"line 3, column 'rtt': got 'fast', expected a number"),
-        ("rtt\n0.1\nNaN\n", r"line 3, column 'rtt': got 'NaN', expected a number"),
         ("rtt\n1_000\n", r"line 2, column 'rtt': got '1_000', expected a number"),
-        ("rtt;x\n0,1;1\n", r"line 2, column 'rtt': got '0,1', expected a number"),
+        ("rtt;x\n0,1;1\n0.1;1\n", r"line 2, column 'rtt': got '0,1', expected a number"),
+        ("rtt\n" + 400 * "9" + "\n", r"line 2, column 'rtt': got '9999999999"),
+        ("rtt\n" + 5000 * "9" + "\n", r"line 2, column 'rtt': got '9999999999"),
         ("seq,delay\n1,0.1\n", r"has no column 'rtt'; its columns are 'seq', 'delay'"),
         ("rtt,rtt\n1,2\n", r"has more than one column 'rtt'"),
         ("rtt,x\n", r"has no row below its line of names"),
@@ -149,6 +193,70 @@ def test_histogram_is_uniform_within_its_bins(write: Callable[..., Path]) -> Non
     np.testing.assert_allclose(law.quantile([0.0, 1.0]), [0.002, 0.008])
 
 
+def test_counts_may_be_decimal(write: Callable[..., Path]) -> None:
+    """As DETERMINISTIC6G's own converter writes them: shares times a million."""
+    bins = [("-inf ms", "0"), ("3.141 ms", "39000000.0"), ("3.282 ms", "126000000.0"), ("3.423 ms", "250000000.0"),
+            ("3.564 ms", "0.0")]  # fmt: skip
+    law = read_histogram(write(_histogram(*bins)))
+    np.testing.assert_allclose(law.probability, [0, 39 / 415, 165 / 415, 1], rtol=1e-15)
+    np.testing.assert_allclose(law.delay, [3.141e-3, 3.282e-3, 3.423e-3, 3.564e-3], rtol=1e-15)
+
+
+def test_histograms_of_the_delay_emulator(write: Callable[..., Path]) -> None:
+    rows = write("4180000,12,ns\n4193600,30,ns\n4207200,0,ns\n")
+    objects = [{"count": 12, "lower_bound": 4180000, "upper_bound": 4193600, "unit": "ns"},
+               {"count": 30, "lower_bound": 4193600, "upper_bound": 4207200, "unit": "ns"}]  # fmt: skip
+    for path in (rows, write(json.dumps(objects), "hist.json")):
+        law = read_histogram(path)
+        np.testing.assert_allclose(law.probability, [0, 12 / 42, 1], rtol=1e-15)
+        np.testing.assert_allclose(law.delay, [4.18e-3, 4.1936e-3, 4.2072e-3], rtol=1e-15)
+    objects[1] |= {"lower_bound": 4200000}
+    law = read_histogram(write(json.dumps(objects), "hist.json"))  # nothing lies in between
+    np.testing.assert_allclose(law.cdf([4.1936e-3, 4.2e-3]), [12 / 42, 12 / 42], rtol=1e-9)
+
+
+GRAMMAR = {
+    "NaN is lost": ("seq,rtt\n0,20.0\n1,NaN\n2,nan\n3,20.0\n", "rtt", "ms", {}),
+    "decimal comma": ("seq;rtt\n0;20,0\n1;\n2;\n3;20,0\n", "rtt", "ms", {}),
+    "unit in the name": ("seq,rtt(ms)\n0,20\n1,\n2,\n3,20\n", "rtt(ms)", None, {}),
+    "name without its unit": ("seq,rtt [us]\n0,20e3\n1,\n2,\n3,20000\n", "rtt", None, {}),
+    "unit with a dash": ("seq,rtt_ms\n0,20\n1,\n2,\n3,20\n", "rtt_ms", None, {}),
+    "unit at each number": ("seq,rtt\n0,20ms\n1,lost\n2,\n3,20000 us\n", "rtt", None, {}),
+    "JSON lines": ('{"seq": 0, "rtt": 20.0}\n{"seq": 1}\n{"seq": 2, "rtt": null}\n{"seq": 3, "rtt": 20}\n', "rtt", "ms",
+                   {"name": "loops.jsonl"}),
+    "JSON": ('[{"a": {"rtt": 20}}, {"a": {"rtt": NaN}}, {"a": {}}, {"a": {"rtt": 20}}]', "a.rtt", "ms",
+             {"name": "loops.json"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", GRAMMAR)
+def test_what_tables_of_the_field_look_like(case: str, write: Callable[..., Path]) -> None:
+    text, column, unit, more = GRAMMAR[case]
+    expected = [0.02, math.inf, math.inf, 0.02]
+    path = write(text, **more)
+    np.testing.assert_allclose(read_trace(path, column, unit).delays, expected)
+    packed = path.with_name(path.name + ".gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    np.testing.assert_allclose(read_trace(packed, column, unit).delays, expected)
+
+
+def test_a_unit_is_asked_for_or_contradicted(write: Callable[..., Path]) -> None:
+    with pytest.raises(ValueError, match=r"unit: got None for column 'rtt' of .*, which its name does not say"):
+        read_trace(write("rtt\n1\n"), "rtt")
+    with pytest.raises(ValueError, match=r"unit: got 's' for column 'rtt\(ms\)' of .*, expected 'ms', as it is called"):
+        read_trace(write("rtt(ms)\n1\n"), "rtt", "s")
+    with pytest.warns(UserWarning, match=r"half of the loops take less than 4.7 us"):
+        read_trace(write("rtt\n" + 20 * "4.7\n"), "rtt", "us")
+    with pytest.warns(UserWarning, match=r"half of the loops take more than 2e\+04 s in a recording of 1 s"):
+        read_trace(write("rtt\n" + 20 * "20000\n"), "rtt", "s", period=0.05)
+
+
+def test_send_times_may_be_timestamps(write: Callable[..., Path]) -> None:
+    rows = "".join(f"2026-01-08 17:22:58.{123 + 50 * k:03d}456,1\n" for k in range(15))
+    trace = read_trace(write("send_time,rtt\n" + rows), "rtt", "ms")
+    assert trace.period == 0.05 and trace.period_from == "column 'send_time'"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -159,9 +267,14 @@ def test_histogram_is_uniform_within_its_bins(write: Callable[..., Path]) -> Non
         (_histogram(("2", "1"), ("3ms", "0")), r"bin 1: got low='2', expected a number and a unit"),
         (_histogram(("nan ms", "1"), ("3ms", "0")), r"bin 1: got low='nan ms'"),
         (_histogram(("2ms", "-1"), ("3ms", "0")), r"bin 1: got '-1', expected a count"),
+        (_histogram(("2ms", "1_0"), ("3ms", "0")), r"bin 1: got '1_0', expected a count"),
+        (_histogram(("2ms", "inf"), ("3ms", "0")), r"bin 1: got 'inf', expected a count"),
+        ("[]", r"has no bin"),
+        ('[{"count": 1}]', r"bin 1: expected lower_bound, upper_bound, count and unit"),
+        ("[" * 100_000, r"loops.csv: cannot be read as JSON: it is nested too deep"),
         (_histogram(("2ms", "0"), ("3ms", "0")), r"has no count above 0"),
         (_histogram(), r"has 0 bins, expected two or more"),
-        ("bin,count\n", r"loops.csv: is no XML"),
+        ("bin,count\n", r"loops.csv, line 1: is no XML and no bin such as"),
     ],
 )
 def test_histogram_errors_name_the_bin(write: Callable[..., Path], text: str, message: str) -> None:

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import pytest
 
-from qocjax.network import Network, Trace, completes, loop_times
+from qocjax.network import Network, Trace, completes, faster_than_measured, loop_times, paper_network
 
 KEYS = jax.random.split(jax.random.key(51), 200)
 
@@ -105,3 +105,20 @@ def test_a_trace_is_a_network() -> None:
 def test_bad_parameters_are_named(delays: list[float], period: float | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Trace(delays, "bad", period)
+
+
+def test_a_replay_faster_than_the_measurement_is_told() -> None:
+    trace = Trace([0.1, 0.2], "hall", period=0.055, period_from="column 'sent(ms)'")
+    said = faster_than_measured(trace, 0.01)
+    assert said is not None and "\n" not in said
+    assert (
+        "trace 'hall' was measured with a loop every 55 ms (column 'sent(ms)') and is replayed with one every 10 ms"
+        in said
+    )
+    assert (
+        "set the sampling period (loop.tau, search.tau) to 0.055 s or more" in said
+        and "network.faster_than_measured=true" in said
+    )
+    assert faster_than_measured(trace, 0.055) is None and faster_than_measured(trace, 0.1) is None
+    assert faster_than_measured(Trace([0.1], "one"), 0.01) is None
+    assert faster_than_measured(paper_network(), 1e-4) is None

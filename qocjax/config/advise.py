@@ -7,8 +7,10 @@ from typing import ClassVar
 
 from qocjax import _checks
 from qocjax.config.bounds import BoundsConfig
+from qocjax.config.network import TraceConfig
 from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
+from qocjax.network import Network
 from qocjax.scenario import Design
 from qocjax.study.shortlist import Effort
 from qocjax.study.slack import Asked
@@ -46,10 +48,22 @@ class AdviseOptions(Part):
 class AdviseConfig(SimulationConfig):
     """Everything that `python -m qocjax.advise` reads."""
 
+    path: str | None
     advise: AdviseOptions
     figures: bool
 
     usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
+
+    def log(self) -> TraceConfig | None:
+        """The file whose content says itself what it is, where the network is one."""
+        if self.path is not None:
+            return TraceConfig(kind="trace", path=self.path)
+        own = isinstance(self.network, TraceConfig) and self.network.column is None
+        return self.network if own else None  # type: ignore[return-value]
+
+    def build_network(self) -> Network:
+        """Where loop times come from."""
+        return super().build_network() if self.path is None else TraceConfig(kind="trace", path=self.path).build()
 
     def current(self) -> Design:
         """The design in use: the configured gains at the configured deadline, or the default one."""

@@ -54,7 +54,7 @@ class ApfConfig(Part):
         """Values of the baseline design."""
         return self.model_dump(exclude={"law"})
 
-    def build(self, scenario: Scenario, map_name: str | None, wz_max: float) -> Controller:
+    def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> Controller:
         """The surrogate law, which knows no map."""
         return Apf()
 
@@ -127,17 +127,18 @@ class NavigationConfig(Part):
         """Values of the baseline design; the stack reads neither, the yardstick and the time of arrival do."""
         return {"kappa": self.kappa, "d_safe": self.d_safe}
 
-    def build(self, scenario: Scenario, map_name: str | None, wz_max: float) -> NavigationStack:
+    def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> NavigationStack:
         """The stack on a map, or on open floor.
 
         Args:
             scenario: Robots and goals.
             map_name: From the configuration of the scenario; None for open floor.
             wz_max: Largest rate of turn of the study (rad/s).
+            release: Of ROS 2, whose rule for pixels that are not opaque holds.
         """
         rest = ("planner_period", "predict", "xy_goal_tolerance", "max_widening", "backup_speed", "backup_dist")
         return NavigationStack(
-            map_of(scenario, map_name, self.floor_margin, self.resolution),
+            map_of(scenario, map_name, self.floor_margin, self.resolution, release),
             Inflation(robot_radius=float(scenario.robot_radius), **self.inflation.model_dump()),  # type: ignore[arg-type]
             Planner(**self.planner.model_dump()),
             self.mppi.build(wz_max),
@@ -148,7 +149,9 @@ class NavigationConfig(Part):
 ControllerConfig = Annotated[ApfConfig | NavigationConfig, Field(discriminator="law")]
 
 
-def map_of(scenario: Scenario, name: str | None, margin: float = 1.0, resolution: float = 0.05) -> StaticMap:
+def map_of(
+    scenario: Scenario, name: str | None, margin: float = 1.0, resolution: float = 0.05, release: str = "jazzy"
+) -> StaticMap:
     """The map of a scenario: a file of `conf/maps` or of the working directory, or open floor where there is none.
 
     Raises:
@@ -160,7 +163,7 @@ def map_of(scenario: Scenario, name: str | None, margin: float = 1.0, resolution
     found = next((place for place in places if place.is_file()), None)
     if found is None:
         raise ValueError(f"scenario.map: got {name}, expected a map file of {places[0].parent} or a path to one")
-    return read_map(found)
+    return read_map(found, release=release)
 
 
 def _critic(name: str, given: dict[str, Any]) -> Any:

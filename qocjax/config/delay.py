@@ -82,7 +82,7 @@ class SamplesDelay(Part):
     law: Literal["samples"]
     path: str
     column: str
-    unit: str
+    unit: str | None = None
     separator: str | None = None
 
     def build(self) -> Empirical:

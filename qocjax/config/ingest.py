@@ -9,9 +9,11 @@ from qocjax.config.part import Part
 from qocjax.config.simulation import RobotConfig
 from qocjax.quality import QocScale
 from qocjax.recorded.folder import Labels
+from qocjax.recorded.formats import FORMATS
 from qocjax.recorded.judge import Yardstick
 from qocjax.recorded.loops import ClockRules
 from qocjax.recorded.patterns import words
+from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.poses import BEGINNINGS
 from qocjax.recorded.run import Rules
 from qocjax.recorded.series import Cleaning
@@ -29,23 +31,27 @@ class TopicsConfig(Part):
 
     poses: list[str]
     commands: list[str]
+    goals: list[str]
     robots: list[str] | None
     same_clock: bool
 
     def build(self) -> TopicPatterns:
         """The patterns."""
-        for pattern in (*self.poses, *self.commands):
+        for pattern in (*self.poses, *self.commands, *self.goals):
             if set(words(pattern)) - {"robot"}:
                 raise ValueError(f"topics: got {pattern!r}, expected no other word in braces than {{robot}}")
         return TopicPatterns(
-            tuple(self.poses), tuple(self.commands), None if self.robots is None else tuple(self.robots)
+            tuple(self.poses),
+            tuple(self.commands),
+            tuple(self.goals),
+            None if self.robots is None else tuple(self.robots),
         )
 
 
 class QualityConfig(Part):
     """What recorded runs are judged by."""
 
-    goal: list[float] | None
+    goal: list[float] | str | None
     goal_average: float
     starts: dict[str, list[float]] | None
     begin: str | float
@@ -83,11 +89,16 @@ class QualityConfig(Part):
         weights = _numbers("quality.weights", self.weights, 2)
         _checks.bounded("quality.weights", self.weights, above=0)
         return Yardstick(
-            goal=None if self.goal is None else _numbers("quality.goal", self.goal, 2), starts=starts or None,
+            goal=self._goal(), starts=starts or None,
             begin=self.begin, horizon=self.horizon, end=self.goal_average, reference=self.reference, kappa=self.kappa,
             v_max=self.v_max, per_robot=self.per_robot, normaliser=self.normaliser, weights=(weights[0], weights[1]),
             d_safe=self.d_safe, robot_radius=radius, path_resolution=self.path_resolution,
         )  # fmt: skip
+
+    def _goal(self) -> tuple[float, ...] | str | None:
+        if isinstance(self.goal, str):
+            return _checks.choice("quality.goal", self.goal, ("end",))
+        return None if self.goal is None else _numbers("quality.goal", self.goal, 2)
 
     def scale(self) -> QocScale | None:
         """J_med and J_max where both are given.
@@ -132,7 +143,7 @@ class StampsConfig(Part):
     downlink_receive: str
     robot: str | None
     session: str | None
-    unit: str
+    unit: str | None
     files: str
     edge_files: str | None
     edge_columns: list[str] | None
@@ -160,6 +171,30 @@ class StampsConfig(Part):
         return StampsFormat(**values)
 
 
+class PosesConfig(Part):
+    """How tables of poses are laid out; null for the names that formats have."""
+
+    time: str | None
+    x: str | None
+    y: str | None
+    heading: str | None
+    robot: str | None
+
+    def build(self, topics: list[str]) -> PosesFormat:
+        """The layout.
+
+        Args:
+            topics: Patterns of topics of poses, which tell the robot.
+
+        Raises:
+            ValueError: Some names are given without those that they need.
+        """
+        given = [name for name in ("time", "x", "y") if getattr(self, name) is not None]
+        if len(given) not in (0, 3) or (not given and (self.heading is not None or self.robot is not None)):
+            raise ValueError("poses.time, poses.x, poses.y: got some without the others, expected all or none")
+        return PosesFormat(**self.model_dump(), topics=tuple(topics))
+
+
 class LabelsConfig(Part):
     """Where the labels of runs come from."""
 
@@ -177,9 +212,11 @@ class ReadingConfig(Part):
     """Where recorded runs lie, and how they are read and judged."""
 
     path: str
+    format: str
     topics: TopicsConfig
     quality: QualityConfig
     stamps: StampsConfig
+    poses: PosesConfig
     clock: ClockConfig
     clean: CleanConfig
     labels: LabelsConfig
@@ -193,6 +230,7 @@ class ReadingConfig(Part):
         Raises:
             ValueError: A value is out of range.
         """
+        _checks.choice("format", self.format, ("auto", *FORMATS))
         clean, clock = self.clean.model_dump(), self.clock
         missing = clean.pop("missing_are_lost")
         for name, value in clean.items():
@@ -203,6 +241,7 @@ class ReadingConfig(Part):
             self.topics.build(), self.stamps.build(),
             ClockRules(clock.same, clock.window, clock.largest_uncertainty_ms / 1e3, clock.step_ms / 1e3, missing),
             Cleaning(window=clock.window, **clean), self.quality.build(radius), self.topics.same_clock,
+            self.poses.build(self.topics.poses), self.format,
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -11,6 +12,9 @@ from qocjax.config.delay import Delay, EdgeConfig, LegConfig
 from qocjax.config.part import Part
 from qocjax.network import LoopNetwork, Network, Trace, kth_5g_network, read_trace, with_edge
 from qocjax.network.dds import DdsNetwork, Profile, Topic
+from qocjax.recorded.as_trace import read_file, trace_of
+from qocjax.recorded.formats import FORMATS, found_format
+from qocjax.recorded.run import RecordedRun
 
 __all__ = ["NetworkConfig"]
 
@@ -54,15 +58,33 @@ class TraceConfig(Part):
 
     kind: Literal["trace"]
     path: str
-    column: str
-    unit: str
+    column: str | None = None
+    unit: str | None = None
     sequence: str | None = None
     gaps_are_lost: bool = False
     separator: str | None = None
     period: float | None = None
+    stamp: str | None = None
+    stamp_unit: str | None = None
+    faster_than_measured: bool = False  # whether `SimulationConfig.check_rate` lets it pass
 
     def build(self) -> Trace:
-        """The network."""
+        """The network; without a column, what is in the file."""
+        if self.column is None:
+            given = [name for name in ("sequence", "separator", "stamp") if getattr(self, name) is not None]
+            if given:
+                raise ValueError(f"network.column: got nothing with {given[0]}, expected the name of the loop times'")
+            return trace_of(self.read(), self.path, self.period)
+        try:
+            return self._table()
+        except ValueError as error:
+            kind = found_format(Path(self.path)) if "has no column" in str(error) else None
+            if kind is None:
+                raise
+            raise ValueError(f"{error}; without network.column it is read as {FORMATS[kind].TITLE}") from None
+
+    def _table(self) -> Trace:
+        assert self.column is not None
         return read_trace(
             self.path,
             self.column,
@@ -71,7 +93,13 @@ class TraceConfig(Part):
             gaps_are_lost=self.gaps_are_lost,
             separator=self.separator,
             period=self.period,
+            stamp=self.stamp,
+            stamp_unit=self.stamp_unit,
         )
+
+    def read(self) -> RecordedRun:
+        """What is in the file."""
+        return read_file(self.path, self.unit, self.gaps_are_lost)
 
 
 class ProfileConfig(Part):

@@ -12,7 +12,7 @@ from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
 from qocjax.controllers import Controller
 from qocjax.navigation import StaticMap
-from qocjax.network import Network
+from qocjax.network import Network, faster_than_measured
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
 
@@ -61,6 +61,7 @@ class ScenarioConfig(Part):
     weights: list[float]
     start_jitter: list[float]
     map: str | None
+    map_release: str
 
     def build(self, robot: RobotConfig) -> Scenario:
         """The scenario of these robots."""
@@ -106,9 +107,25 @@ class SimulationConfig(Part):
             network = network.model_copy(update={"edge": edge})
         return network.build()
 
+    def rate_remark(self, network: Network, tau: float) -> str | None:
+        """What is wrong with replaying a measured trace every `tau` s; None where nothing is, or it is allowed."""
+        allowed = getattr(self.network, "faster_than_measured", False)
+        return None if allowed else faster_than_measured(network, tau)
+
+    def check_rate(self, network: Network, tau: float) -> None:
+        """Refuses to replay a measured trace faster than it was measured, unless that is allowed.
+
+        Raises:
+            ValueError: `tau` (s) is shorter than the trace's period.
+        """
+        if (remark := self.rate_remark(network, tau)) is not None:
+            raise ValueError(remark)
+
     def build_controller(self) -> Controller:
         """What computes the commands; reads the scenario's map where it has one and the controller asks for it."""
-        return self.controller.build(self.build_scenario(), self.scenario.map, self.robot.omega_max)
+        return self.controller.build(
+            self.build_scenario(), self.scenario.map, self.robot.omega_max, self.scenario.map_release
+        )
 
     def build_map(self) -> StaticMap | None:
         """The map that the scenario names; None on open floor.
@@ -116,7 +133,9 @@ class SimulationConfig(Part):
         Raises:
             ValueError: There is no such file, or it is no map.
         """
-        return None if self.scenario.map is None else map_of(self.build_scenario(), self.scenario.map)
+        if self.scenario.map is None:
+            return None
+        return map_of(self.build_scenario(), self.scenario.map, release=self.scenario.map_release)
 
     def surrogate_only(self) -> None:
         """For commands that need the surrogate law.

@@ -136,4 +136,5 @@ class ValidateConfig(SimulationConfig):
         """The controller of a simulated E; None for the surrogate law."""
         if isinstance(source, SurrogateConfig):
             return None
-        return source.controller.build(self.build_scenario(), self.scenario.map, self.robot.omega_max)
+        scenario = self.scenario
+        return source.controller.build(self.build_scenario(), scenario.map, self.robot.omega_max, scenario.map_release)

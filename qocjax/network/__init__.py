@@ -21,13 +21,14 @@ from qocjax.network.completion import completes, latest
 from qocjax.network.edge import Edge
 from qocjax.network.edge_network import EdgeNetwork, with_edge
 from qocjax.network.empirical import Empirical, QuantileTable
+from qocjax.network.histograms import read_histogram
 from qocjax.network.interface import DelayLaw, Load, LossProcess, Network, Reliability, SharedNetwork, loop_times
 from qocjax.network.loop_network import Leg, LoopNetwork
 from qocjax.network.loss import GilbertElliott, IndependentLoss
 from qocjax.network.parametric import Constant, ShiftedGamma, ShiftedLogNormal, TruncatedNormal
 from qocjax.network.presets import kth_5g_network, paper_network
-from qocjax.network.readers import read_histogram, read_samples, read_trace
-from qocjax.network.trace import Trace
+from qocjax.network.readers import read_samples, read_trace
+from qocjax.network.trace import Trace, faster_than_measured
 
 __all__ = [
     "Constant",
@@ -50,6 +51,7 @@ __all__ = [
     "Trace",
     "TruncatedNormal",
     "completes",
+    "faster_than_measured",
     "kth_5g_network",
     "latest",
     "loop_times",

@@ -19,7 +19,9 @@ from qocjax.network.completion import latest
 from qocjax.network.empirical import Empirical
 from qocjax.network.interface import Load, Reliability, exactly
 
-__all__ = ["Trace"]
+__all__ = ["Trace", "faster_than_measured"]
+
+_NEAR = 0.97  # of the measured period; a sampling period that much shorter is the same rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,7 @@ class Trace:
     name: str
     period: float | None = None  # s, between two rows of the measurement; None for one row per tick
     source: str = ""  # where it comes from, for the record
+    period_from: str = ""  # where the period comes from, such as a column of send times
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "delays", delay_array("Trace.delays", self.delays))
@@ -66,7 +69,8 @@ class Trace:
 
     def describe(self) -> dict[str, Any]:
         """Returns name, source, size and quantiles as plain values, not the rows."""
-        return self._law.describe() | {"kind": "Trace", "name": self.name, "period": self.period}
+        own = {"kind": "Trace", "name": self.name, "period": self.period, "period_from": self.period_from}
+        return self._law.describe() | own
 
     @cached_property
     def _law(self) -> Empirical:
@@ -86,6 +90,30 @@ class Trace:
                 f"trace {self.name!r} has {rows} rows and a run takes {needed}: it comes round again within the run",
                 stacklevel=3,
             )
+
+
+def faster_than_measured(network: Any, tau: float) -> str | None:
+    """Says what is wrong with replaying a trace at a shorter sampling period than it was measured with.
+
+    A trace tells nothing of loops that it does not hold: more of them would load the network, and between two rows it
+    repeats the last, so that the edge looks free and a burst of misses is met with fewer independent ones.
+
+    Args:
+        network: Any network; only a `Trace` that knows its period can be too slow.
+        tau: Sampling period of the replay (s).
+
+    Returns:
+        One sentence with what to do; None where there is nothing to say.
+    """
+    if not isinstance(network, Trace) or network.period is None or tau >= _NEAR * network.period:
+        return None
+    origin = f" ({network.period_from})" if network.period_from else ""
+    return (
+        f"trace {network.name!r} was measured with a loop every {1e3 * network.period:.4g} ms{origin} and is replayed "
+        f"with one every {1e3 * tau:.4g} ms: what that many loops do to the network is not in it; measure at that "
+        f"rate, set the sampling period (loop.tau, search.tau) to {network.period:.4g} s or more, or allow it with "
+        "network.faster_than_measured=true"
+    )
 
 
 _ROUND_AGAIN: weakref.WeakSet[Trace] = weakref.WeakSet()  # those that have said so

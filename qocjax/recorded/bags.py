@@ -1,90 +1,44 @@
-"""rosbag2 recordings, whole or cut off: their topics, and their messages one after the other."""
+"""rosbag2 recordings, whole or not: which files make one, in which order, and how each is opened."""
 
 from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+import tempfile
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
+from qocjax.recorded.bag import Bag
 from qocjax.recorded.findings import Findings
-from qocjax.recorded.salvage import Found, salvage, salvaged_topics
+from qocjax.recorded.mcap import McapFile
+from qocjax.recorded.metadata import METADATA, Metadata, read_metadata
+from qocjax.recorded.sqlite import SqliteFile
+from qocjax.recorded.storage import StorageFile
+from qocjax.recorded.unpacking import unpacked_file
 
-__all__ = ["Bag", "Topic", "is_bag", "open_bag", "storage_files"]
+__all__ = ["is_bag", "open_bag", "storage_files"]
 
 _SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
-_METADATA = "metadata.yaml"
-_RELIABILITY = {"1": "reliable", "2": "best_effort"}
-_HISTORY = {"1": "keep_last", "2": "keep_all"}
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a bag."""
-
-    name: str
-    kind: str  # message type, such as geometry_msgs/msg/Twist
-    count: int | None  # messages that the bag says it holds; None where it does not say
-    qos: str  # offered, such as `reliable keep_last(10)`; empty where it does not say
-
-
-class Bag:
-    """An open recording; a context manager."""
-
-    def __init__(self, path: Path, reader: Any, damaged: dict[Path, Found], findings: Findings) -> None:
-        """Takes an open reader of rosbags, or the topics of each damaged file."""
-        self.path, self._reader, self._damaged, self._findings = path, reader, damaged, findings
-        if reader is not None:
-            every = [
-                Topic(c.topic, c.msgtype, c.msgcount, _words(c.ext.offered_qos_profiles)) for c in reader.connections
-            ]
-        else:
-            found = [topic for topics in damaged.values() for topic in topics.values()]
-            promised = _promised(path)
-            every = [Topic(name, kind, promised.get(name), _yaml_words(profile)) for name, kind, profile in found]
-        self.topics = {topic.name: topic for topic in every}
-
-    def __enter__(self) -> Bag:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._reader is not None:
-            self._reader.close()
-
-    def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yields topic, record time (ns) and data of the messages of some topics; one is in memory at a time."""
-        if self._reader is None:
-            for file, topics in self._damaged.items():
-                wanted = {number: topic[0] for number, topic in topics.items() if topic[0] in names}
-                for number, time, data in salvage(file, wanted):
-                    yield wanted[number], time, data
-            return
-        connections = [each for each in self._reader.connections if each.topic in names]
-        if not connections:
-            return
-        try:
-            for connection, time, data in self._reader.messages(connections):
-                yield connection.topic, time, data
-        except _read_errors() as error:
-            self._findings.count(str(self.path.name), "truncated")
-            self._findings.note(f"{self.path.name}: cannot be read to its end: {_first_line(error)}")
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag's file, or a folder with one."""
-    return bool(storage_files(path)) or (path.is_dir() and (path / _METADATA).is_file())
+    return bool(storage_files(path)) or (path.is_dir() and (path / METADATA).is_file())
 
 
 def storage_files(path: Path) -> list[Path]:
-    """Files with messages: the path itself, or those directly in it, by name."""
-    each = sorted(path.iterdir()) if path.is_dir() else [path]
-    return [file for file in each if file.is_file() and file.name.endswith(_SUFFIXES)]
+    """Files with messages: the path itself, or those directly in it, in the order of the numbers in their names."""
+    each = path.iterdir() if path.is_dir() else [path]
+    return sorted((file for file in each if file.name.endswith(_SUFFIXES) and file.is_file()), key=_in_order)
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """Sorts run_10 behind run_2."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def open_bag(path: Path, findings: Findings) -> Bag:
-    """Opens a rosbag2 folder or file; where it was cut off, what is left of it.
+    """Opens a rosbag2 folder or file; where it was cut off or is damaged, what is left of it.
 
     Raises:
         ValueError: There is no bag, rosbags is not installed, or nothing of it can be read.
@@ -97,92 +51,85 @@ def open_bag(path: Path, findings: Findings) -> Bag:
         raise ValueError(f"{path}: holds no .db3 or .mcap file, expected a rosbag2 folder or file")
     if importlib.util.find_spec("rosbags") is None:
         raise ValueError(f"{path}: needs rosbags to be read, expected it installed: pip install 'qocjax[ros]'")
-    from rosbags.rosbag2 import Reader
+    metadata = _metadata(path, findings)
+    with ExitStack() as stack:
+        files, errors = [], []
+        for file in _files(path, metadata, findings):
+            try:
+                files.append(_open_file(file, findings, stack))
+            except (ValueError, OSError) as error:
+                errors.append(str(error))
+        if not files:
+            raise ValueError("; ".join(errors) or f"{path}: names files in its {METADATA} that are not there")
+        for text in errors:
+            findings.count(path.name, "truncated")
+            findings.note(text)
+        return Bag(path, files, metadata, findings, stack.pop_all())
 
-    if path.is_dir() and not (path / _METADATA).is_file():
-        findings.note(
-            f"{path.name}: has no metadata.yaml, as when recording was not ended; its files are read as they are"
-        )
-        return _open_files(path, findings)
+
+def _metadata(path: Path, findings: Findings) -> Metadata | None:
+    """What metadata.yaml says, also of a file that is the only one it names."""
+    folder = path if path.is_dir() else path.parent
+    if not (folder / METADATA).is_file():
+        if path.is_dir():
+            findings.note(
+                f"{path.name}: has no {METADATA}, as when recording was not ended; its files are read as they are"
+            )
+        return None
     try:
-        reader = Reader(path)
-        reader.open()
-    except _read_errors() as error:
-        findings.note(f"{path.name}: {_first_line(error)}")
-        return _open_files(path, findings)
-    return Bag(path, reader, {}, findings)
+        found = read_metadata(folder)
+    except ValueError as error:
+        if path.is_dir():
+            findings.note(f"{error}; its files are read as they are")
+        return None
+    return found if path.is_dir() or found.files == (path.name,) else None
 
 
-def _open_files(path: Path, findings: Findings) -> Bag:
-    """Reads the files on their own, each as far as it goes."""
-    damaged, errors = {}, []
-    for file in storage_files(path):
-        try:
-            damaged[file] = salvaged_topics(file)
-        except (ValueError, OSError) as error:
-            errors.append(str(error))
-            continue
-        if _cut(file):
-            findings.count(file.name, "truncated")
-    if not damaged:
-        raise ValueError("; ".join(errors) or f"{path}: names files in its metadata.yaml that are not there")
-    for text in errors:
-        findings.count(path.name, "truncated")
-        findings.note(text)
-    return Bag(path, None, damaged, findings)
+def _files(path: Path, metadata: Metadata | None, findings: Findings) -> list[Path]:
+    """The files to read: those that the metadata names, in its order, then the others."""
+    here = {file.name: file for file in storage_files(path)}
+    if metadata is None:
+        return _once(here, findings)
+    found = []
+    for name in metadata.files:
+        same = next((each for each in (name, f"{name}.zstd", name.removesuffix(".zstd")) if each in here), None)
+        if same is None:
+            findings.count(path.name, "missing_files")
+            findings.note(f"{path.name}: {name}, which its {METADATA} names, is not there")
+        else:
+            found.append(here.pop(same))
+    named = {_stem(file) for file in found}
+    others = {name: file for name, file in here.items() if _stem(file) not in named}
+    for name in others:
+        findings.note(f"{path.name}: {name} is not among the files that its {METADATA} names; it is read too")
+    return [*found, *_once(others, findings)]
 
 
-def _promised(path: Path) -> dict[str, int]:
-    """Messages of each topic according to the metadata; empty where there is none that can be read."""
-    from ruamel.yaml import YAML, YAMLError
+def _once(files: dict[str, Path], findings: Findings) -> list[Path]:
+    """Files without those that have the same content: packed beside unpacked, or one format beside the other."""
+    found: dict[str, Path] = {}
+    for name, file in sorted(files.items(), key=lambda each: len(each[0])):
+        taken = found.setdefault(_stem(file), file)
+        if taken != file:
+            findings.note(f"{name}: lies beside {taken.name}, which has the same content by its name; left out")
+    return sorted(found.values(), key=_in_order)
 
+
+def _stem(file: Path) -> str:
+    return re.sub(r"\.(db3|mcap)(\.zstd)?$", "", file.name)
+
+
+def _open_file(path: Path, findings: Findings, stack: ExitStack) -> StorageFile:
+    """Opens a file, unpacked where it is packed."""
+    plain = path
+    if path.suffix == ".zstd":
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="qocjax"))
+        plain = Path(folder) / path.name.removesuffix(".zstd")
+        if not unpacked_file(path, plain):
+            findings.note(f"{path.name}: cannot be unpacked to its end")
     try:
-        values = YAML(typ="safe").load((path / _METADATA).read_text("utf-8"))["rosbag2_bagfile_information"]
-        every = values["topics_with_message_count"]
-        return {topic["topic_metadata"]["name"]: int(topic["message_count"]) for topic in every}
-    except (OSError, ValueError, KeyError, TypeError, YAMLError):
-        return {}
-
-
-def _cut(file: Path) -> bool:
-    """Whether a file ends before its end."""
-    with file.open("rb") as data:
-        if file.suffix == ".mcap":
-            data.seek(max(file.stat().st_size - 8, 0))
-            return data.read() != b"\x89MCAP0\r\n"
-        head = data.read(100)
-    page = int.from_bytes(head[16:18], "big")
-    return file.stat().st_size < (65536 if page == 1 else page) * int.from_bytes(head[28:32], "big")
-
-
-def _read_errors() -> tuple[type[Exception], ...]:
-    """What rosbags raises for a damaged file."""
-    import apsw
-    from rosbags.rosbag2 import ReaderError
-
-    return (ReaderError, apsw.Error, OSError, ValueError, TypeError, IndexError, EOFError, RuntimeError, AssertionError)
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _words(profiles: Any) -> str:
-    """Reliability and history of the profiles offered, as few words."""
-    return _joined(_profile(q.reliability.name.lower(), q.history.name.lower(), str(q.depth)) for q in profiles)
-
-
-def _yaml_words(text: str) -> str:
-    """The same from YAML, where values may be numbers."""
-    found = [re.findall(rf"\b{key}: *['\"]?(\w+)", text) for key in ("reliability", "history", "depth")]
-    return _joined(
-        _profile(_RELIABILITY.get(r, r), _HISTORY.get(h, h), depth) for r, h, depth in zip(*found, strict=False)
-    )
-
-
-def _profile(reliability: str, history: str, depth: str) -> str:
-    return f"{reliability} keep_last({depth})" if history == "keep_last" else f"{reliability}, history {history}"
-
-
-def _joined(profiles: Iterator[str]) -> str:
-    return " | ".join(dict.fromkeys(profiles))
+        opened = (McapFile if plain.suffix == ".mcap" else SqliteFile)(plain, findings, path.name)
+    except ValueError as error:
+        raise ValueError(str(error).replace(str(plain), str(path))) from None
+    stack.callback(opened.close)
+    return opened

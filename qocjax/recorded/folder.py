@@ -8,14 +8,18 @@ from pathlib import Path
 
 import pandas as pd
 
+from qocjax._reading import check_regular, decoding
+from qocjax.network.values import header_unit
 from qocjax.recorded.bags import is_bag
+from qocjax.recorded.formats import FORMATS, found_format
 from qocjax.recorded.patterns import filled, matched
+from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.run import RunFiles
-from qocjax.recorded.stamps import TABLES, StampsFormat, columns_of
+from qocjax.recorded.stamps import TABLES, StampsFormat, columns_of, is_table
 
 __all__ = ["Labels", "find_runs"]
 
-_POSES = {"time", "robot", "x", "y"}
+_OWN = ("sequence", "uplink_send", "downlink_receive", "records", "edge_files")  # of a layout that was chosen
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,9 @@ class Labels:
         """
         if file is None:
             return cls(pattern)
-        try:
+        check_regular(file)
+        with decoding(file, "CSV"):
             table = pd.read_csv(file, dtype={"run": str})
-        except (OSError, ValueError, pd.errors.ParserError) as error:
-            raise ValueError(f"{file}: cannot be read as CSV: {str(error).splitlines()[0]}") from None
         if "run" not in table:
             raise ValueError(f"{file}: has no column 'run'; its columns are {', '.join(map(repr, table))}")
         return cls(pattern, table)
@@ -61,46 +64,109 @@ def _number(text: str) -> str | float:
         return text
 
 
-def find_runs(path: Path, stamps: StampsFormat) -> list[RunFiles]:
-    """The runs at a path: a bag, a table, or a folder with any number of them at any depth.
+def find_runs(path: Path, stamps: StampsFormat, poses: PosesFormat | None = None, kind: str = "auto") -> list[RunFiles]:
+    """The runs at a path: a bag, a table, a log of a tool, or a folder with any number of them at any depth.
 
     A bag is a run, with the tables of stamps that lie in its folder. In a folder without a bag, a table of poses and
-    the tables of stamps beside it are a run; tables of stamps alone are a run each. Names are paths within the folder.
+    the tables of stamps beside it are a run; tables of stamps and logs are a run each. Names are paths within the
+    folder.
+
+    Args:
+        path: Of a file or folder.
+        stamps: How tables of stamps are laid out; a table that has its columns is one.
+        poses: How tables of poses are laid out.
+        kind: Format of other files: `auto` for what is in them, or one of `FORMATS`.
 
     Raises:
         ValueError: There is nothing at the path, or no run in it.
     """
+    find = _Finder(stamps, poses or PosesFormat(), kind)
     if not path.exists():
         raise ValueError(f"path: got {path}, which is not there, expected a bag, a table or a folder of them")
-    if path.is_file():
-        if path.suffix in TABLES:
-            return _in_folder(path.parent, path.parent, stamps, [path])
-        if not is_bag(path) and path.suffix != ".bag":  # of those, what opens bags knows what to say
-            raise ValueError(f"path: got {path}, expected a bag (.db3, .mcap) or a table ({', '.join(TABLES)})")
-        return [RunFiles(path.stem, bag=path)]
+    if not path.is_dir():
+        check_regular(path)
+        return [find.file(path)]
     folders = [path, *sorted(folder for folder in path.rglob("*") if folder.is_dir())]
-    found = [run for folder in folders for run in _in_folder(path, folder, stamps)]
+    found = [run for folder in folders for run in find.folder(path, folder)]
     if not found:
         wanted = f"{stamps.files} with the columns {stamps.uplink_send} and {stamps.downlink_receive}"
         raise ValueError(
-            f"path: got {path}, which holds no run, expected rosbag2 folders, tables of poses, or of stamps ({wanted})"
+            f"path: got {path}, which holds no run, expected rosbag2 folders, tables of poses, logs of tools, or "
+            f"tables of stamps ({wanted})"
         )
     return found
 
 
-def _in_folder(root: Path, folder: Path, layout: StampsFormat, only: list[Path] | None = None) -> list[RunFiles]:
-    """Runs directly in a folder."""
-    name = folder.relative_to(root).as_posix() if folder != root else folder.resolve().name
-    tables = only or sorted(file for file in folder.iterdir() if file.is_file() and file.suffix in TABLES)
-    poses = [file for file in tables if file.suffix != ".json" and set(columns_of(file, layout)) >= _POSES]
-    stamps = _pairs([file for file in tables if file not in poses], layout, chosen=only is not None)
-    if only is None and is_bag(folder):
-        return [RunFiles(name, bag=folder, stamps=tuple(stamps))]
-    prefix = "" if folder == root else f"{name}/"
-    if len(poses) == 1 and only is None:
-        return [RunFiles(name, poses=poses[0], stamps=tuple(stamps))]
-    runs = [RunFiles(f"{prefix}{file.stem}", poses=file) for file in poses]
-    return runs + [RunFiles(f"{prefix}{file.stem}", stamps=((file, edge),)) for file, edge in stamps]
+def _stem(path: Path) -> str:
+    """The name of a run of one file."""
+    return Path(path.name.removesuffix(".gz")).stem
+
+
+@dataclass(frozen=True)
+class _Finder:
+    """What a file is."""
+
+    stamps: StampsFormat
+    poses: PosesFormat
+    kind: str
+
+    def file(self, path: Path) -> RunFiles:
+        """The run of a file that was chosen by name.
+
+        Raises:
+            ValueError: It is nothing that is known.
+        """
+        if self.kind != "auto":
+            return RunFiles(_stem(path), log=(path, self.kind))
+        if is_bag(path) or path.suffix == ".bag":  # of those, what opens bags knows what to say
+            return RunFiles(path.stem, bag=path)
+        if self._has_poses(path):
+            return RunFiles(_stem(path), poses=path)
+        if not self._has_stamps(path) and (name := self._format(path)) is not None:
+            return RunFiles(_stem(path), log=(path, name))
+        if not is_table(path):
+            raise ValueError(
+                f"path: got {path}, expected a bag (.db3, .mcap) or a table ({', '.join(TABLES)}), or the log of a "
+                f"tool: {', '.join(FORMATS)}"
+            )
+        return RunFiles(_stem(path), stamps=tuple(_pairs([path], self.stamps, chosen=True)))
+
+    def folder(self, root: Path, folder: Path) -> list[RunFiles]:
+        """Runs directly in a folder."""
+        name = folder.relative_to(root).as_posix() if folder != root else folder.resolve().name
+        tables = sorted(file for file in folder.iterdir() if file.is_file() and is_table(file))
+        poses = [file for file in tables if self._has_poses(file)]
+        stamps = _pairs([file for file in tables if file not in poses], self.stamps, chosen=False)
+        if is_bag(folder):
+            return [RunFiles(name, bag=folder, stamps=tuple(stamps))]
+        prefix = "" if folder == root else f"{name}/"
+        paired = {each for pair in stamps for each in pair}
+        others = [(file, self._format(file)) for file in tables if file not in poses and file not in paired]
+        logs = [
+            RunFiles(f"{prefix}{_stem(file)}", log=(file, kind)) for file, kind in others if kind not in (None, "table")
+        ]
+        if len(poses) == 1:
+            return [RunFiles(name, poses=poses[0], stamps=tuple(stamps)), *logs]
+        runs = [RunFiles(f"{prefix}{_stem(file)}", poses=file) for file in poses]
+        return runs + [RunFiles(f"{prefix}{_stem(file)}", stamps=((file, edge),)) for file, edge in stamps] + logs
+
+    def _has_poses(self, path: Path) -> bool:
+        return self.poses.found_in(columns_of(path, self.stamps))
+
+    def _chosen(self) -> bool:
+        """Whether somebody chose the layout of tables of stamps."""
+        usual = StampsFormat()
+        return any(getattr(self.stamps, each) != getattr(usual, each) for each in _OWN)
+
+    def _has_stamps(self, path: Path) -> bool:
+        names = columns_of(path, self.stamps)
+        return {self.stamps.uplink_send, self.stamps.downlink_receive} <= {
+            header_unit(name)[0] for name in names
+        } | set(names)
+
+    def _format(self, path: Path) -> str | None:
+        """The format of a log of a tool, where none is looked for in vain."""
+        return None if self._chosen() else found_format(path)
 
 
 def _pairs(tables: list[Path], layout: StampsFormat, chosen: bool) -> list[tuple[Path, Path | None]]:

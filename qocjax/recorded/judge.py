@@ -15,7 +15,7 @@ from qocjax.recorded.findings import Findings
 from qocjax.reference import reference_origin, reference_path
 from qocjax.scenario import Design, Scenario
 
-__all__ = ["Quality", "Yardstick", "judge"]
+__all__ = ["Quality", "Yardstick", "judge", "path_length"]
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ _BLOCK = 100_000  # instants that are looked at together
 class Yardstick:
     """What a recorded run is judged by; lengths in m, times in s."""
 
-    goal: tuple[float, ...] | None = None  # (x, y); None for where the robots end
+    goal: tuple[float, ...] | str | None = None  # (x, y), `end` for where the robots end, None for the recording's own
     starts: dict[str, tuple[float, ...]] | None = None  # pose at which a robot's odometry begins, by robot
     begin: str | float = "first"  # `first` pose of all, `motion`, `command`, or seconds after the first pose of all
     horizon: float | None = None  # s; None for as long as the recording goes
@@ -49,13 +49,13 @@ class Quality:
     robots: tuple[str, ...]
     time: Array  # [K] s since the begin
     pose: Array  # [K, N, 3] m, m, rad
-    reference: Array  # [K, 2] or [K, N, 2] m
-    goal: Array  # [2] or [N, 2] m
-    auc: Array  # [N] s; NaN for a robot that starts where the normaliser is 0, which a remark says
+    reference: Array  # [K, 2] or [K, N, 2] m; NaN without a goal
+    goal: Array  # [2] or [N, 2] m; NaN where there is none
+    auc: Array  # [N] s; NaN without a goal, and for a robot that starts where the normaliser is 0, which a remark says
     min_distance: float  # m; inf for one robot, NaN where robots share no frame
     collided: bool | None
     path_length: Array  # [N] m
-    arrival_time: Array  # [N] s since the begin; inf if never
+    arrival_time: Array  # [N] s since the begin; inf if never, NaN without a goal
     began: float  # s after the recording's first message
     duration: float  # s
     d_safe: float = 0.5
@@ -70,6 +70,8 @@ def judge(
     begin: float,
     yardstick: Yardstick,
     shared: bool,
+    goal: Array | None,
+    path_length: Array,
     findings: Findings,
 ) -> Quality:
     """Judges poses [K, N, 3] at times [K] (s since the begin).
@@ -81,16 +83,34 @@ def judge(
         begin: When the run began (s after the recording's first message), for the record.
         yardstick: Goal, reference and normaliser.
         shared: Whether the robots' positions are in one frame.
+        goal: [2], or [N, 2] m for one a robot; None where there is none.
+        path_length: [N] m, of each robot.
         findings: Takes remarks.
 
     Raises:
         ValueError: A value of the yardstick is out of range.
     """
-    per_robot = yardstick.per_robot if yardstick.per_robot is not None else not shared
+    apart = _closest(pose) if shared else float("nan")
+    auc, arrival = np.full(len(robots), np.nan), np.full(len(robots), np.nan)
+    reference = np.full((time.size, 2), np.nan)
+    if goal is not None:
+        auc, reference = _judged(robots, time, pose, yardstick, shared, goal, findings)
+        away = np.linalg.norm(pose[..., :2] - np.broadcast_to(goal, pose[0, :, :2].shape), axis=-1)
+        arrival = np.array([_arrival(time, away[:, k] > 2.0 * yardstick.d_safe) for k in range(len(robots))])
+    return Quality(
+        robots, time, pose, reference, np.full(2, np.nan) if goal is None else goal, auc, apart,
+        bool(apart < 2.0 * yardstick.robot_radius) if shared else None, path_length, arrival,
+        begin, float(time[-1]), yardstick.d_safe, yardstick.robot_radius,
+    )  # fmt: skip
+
+
+def _judged(
+    robots: tuple[str, ...], time: Array, pose: Array, yardstick: Yardstick, shared: bool, goal: Array,
+    findings: Findings,
+) -> tuple[Array, Array]:  # fmt: skip
+    """AUC [N] and reference [K, 2] or [K, N, 2]."""
+    per_robot = yardstick.per_robot if yardstick.per_robot is not None else not shared or goal.ndim == 2
     normaliser = yardstick.normaliser or ("goal_distance" if per_robot or len(robots) == 1 else "initial_disagreement")
-    last = time >= time[-1] - yardstick.end
-    where = pose[last][..., :2].mean(axis=0)  # [N, 2]
-    goal = np.asarray(yardstick.goal, float) if yardstick.goal else where if per_robot else where.mean(axis=0)
     scenario = Scenario(
         start=pose[0], goal=goal, horizon=float(time[-1]), reference=yardstick.reference, nominal_kappa=yardstick.kappa,
         nominal_v_max=yardstick.v_max, reference_per_robot=per_robot, normaliser=normaliser,
@@ -100,15 +120,7 @@ def judge(
     auc, undefined = _auc(scenario, time, pose, every, max(yardstick.path_resolution, 1e-9))
     for robot in np.flatnonzero(undefined):
         findings.note(f"{robots[robot]}: has no AUC, as its {normaliser} begins below {yardstick.path_resolution:g} m")
-    apart = _closest(pose) if shared else float("nan")
-    away = np.linalg.norm(pose[..., :2] - np.broadcast_to(goal, pose[0, :, :2].shape), axis=-1) > 2.0 * yardstick.d_safe
-    return Quality(
-        robots, time, pose, every if per_robot else every[:, 0], goal, auc, apart,
-        bool(apart < 2.0 * yardstick.robot_radius) if shared else None,
-        np.array([_path_length(pose[:, k, :2], yardstick.path_resolution) for k in range(len(robots))]),
-        np.array([_arrival(time, away[:, k]) for k in range(len(robots))]),
-        begin, float(time[-1]), yardstick.d_safe, yardstick.robot_radius,
-    )  # fmt: skip
+    return auc, every if per_robot else every[:, 0]
 
 
 def _reference(scenario: Scenario, time: Array) -> Array:
@@ -149,7 +161,7 @@ def _closest(pose: Array) -> float:
     return min((float(np.hypot(*(pose[:, i, :2] - pose[:, j, :2]).T).min()) for i, j in pairs), default=float("inf"))
 
 
-def _path_length(points: Array, resolution: float) -> float:
+def path_length(points: Array, resolution: float) -> float:
     """Length of the polygon through points at least `resolution` apart, to the last point."""
     length, (x, y) = 0.0, points[0].tolist()
     for next_x, next_y in points[1:].tolist():

@@ -8,8 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from qocjax.network.period import unlikely
 from qocjax.recorded.clocks import Clock, steps, two_way_clock
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.order import in_order, numbered
 from qocjax.recorded.series import Cleaning
 from qocjax.recorded.stamps import Stamps
 
@@ -44,83 +46,94 @@ class LoopTrace:
     apparent: pd.DataFrame  # source_stamp, uplink, downlink (s) before correction
 
 
-def loop_trace(parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings) -> LoopTrace:
+@dataclass(frozen=True)
+class _Session:
+    """The loops of one part, on its own epoch."""
+
+    table: pd.DataFrame
+    apparent: pd.DataFrame
+    clocks: list[Clock]
+    lost_uplink: int
+
+
+def loop_trace(
+    parts: list[Stamps], where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings,
+    period: float | None = None,
+) -> LoopTrace:  # fmt: skip
     """Makes one robot's trace of its sessions.
 
     T_net = downlink receive - uplink send and T_C = edge send - edge receive need one clock each. T_UL and T_DL need
     the offset between both, which is estimated for each session and each stretch between steps of a clock; where it
     cannot be known they are left out, and the rest stays.
 
+    Args:
+        parts: The stamps of each session.
+        where: For the findings.
+        rules: How the clocks are related.
+        cleaning: What counts as a gap.
+        findings: Takes the counts.
+        period: Of loops without send times (s), as their log says; None where it does not.
+
     Raises:
         ValueError: No loop is left, or none of them came back.
     """
-    tables, apparent, clocks, lost_uplink, epoch, next_number = [], [], [], 0, parts[0].epoch, 0
+    tables: list[pd.DataFrame] = []
+    seen: list[pd.DataFrame] = []
+    sessions, clocks, number = [], [], 0
     for part in parts:
-        ordered, session = _in_order(part, where, findings)
-        if not ordered.sequence.size:
+        each = _session(part, len(parts) > 1, where, rules, cleaning, findings)
+        if each is None:
             continue
-        table = _times(ordered, where, findings)
-        table["session"] = session if len(parts) == 1 else part.session
-        shift = part.epoch - epoch
-        found = _legs(table, ordered, where, rules, findings)
-        clocks += [replace(clock, knots=clock.knots + shift) for clock in found]
-        lost_uplink += int((table["lost"] & np.isnan(ordered.edge_receive)).sum())
-        apparent.append(pd.DataFrame({
-            "source_stamp": ordered.uplink_send + shift, "uplink": ordered.edge_receive - ordered.uplink_send,
-            "downlink": ordered.downlink_receive - ordered.edge_send,
-        }))  # fmt: skip
-        table = _numbered(table, ordered, next_number, where, rules, findings)
-        table["source_stamp"] += shift
-        next_number = int(table["sequence"].iloc[-1]) + 1
-        every = table["source_stamp"].diff()
-        findings.count(where, "gaps", int((every > max(cleaning.gap * every.median(), cleaning.least_gap)).sum()))
-        tables.append(table)
+        shift = part.epoch - parts[0].epoch
+        each.table["sequence"] += number
+        number = int(each.table["sequence"].iloc[-1]) + 1
+        for table, kept in ((each.table, tables), (each.apparent, seen)):
+            table["source_stamp"] += shift
+            kept.append(table)
+        clocks += [replace(clock, knots=clock.knots + shift) for clock in each.clocks]
+        sessions.append(each)
     if not tables:
         raise ValueError(f"{where}: holds no loop, expected rows with a sequence number and an uplink send stamp")
-    whole = pd.concat(tables, ignore_index=True)
+    whole, apparent = pd.concat(tables, ignore_index=True), pd.concat(seen, ignore_index=True)
     if whole["lost"].all():
         raise ValueError(f"{where}: all {len(whole)} loops are lost, expected at least one that came back")
-    first = float(whole["source_stamp"].iloc[0])
+    if not parts[0].timed:  # an even period, or none
+        whole["source_stamp"] = np.nan if period is None else whole["sequence"] * period
+    known = bool(whole["source_stamp"].notna().any())
+    doubt = unlikely(whole["loop_time"].to_numpy(), float(np.ptp(whole["source_stamp"])) if known else None)
+    if doubt is not None:
+        findings.note(f"{where}: {doubt}")
+    first = float(whole["source_stamp"].iloc[0]) if known else 0.0
     whole["source_stamp"] -= first
-    seen = pd.concat(apparent, ignore_index=True)
-    seen["source_stamp"] -= first
+    apparent["source_stamp"] -= first
+    lost_uplink = sum(each.lost_uplink for each in sessions) if parts[0].has_edge else None
     return LoopTrace(
-        parts[0].robot, whole[COLUMNS], epoch + first, lost_uplink if parts[0].has_edge else None,
-        tuple(replace(clock, knots=clock.knots - first) for clock in clocks), seen,
+        parts[0].robot, whole[COLUMNS], parts[0].epoch + first, lost_uplink,
+        tuple(replace(clock, knots=clock.knots - first) for clock in clocks), apparent,
     )  # fmt: skip
 
 
-def _in_order(part: Stamps, where: str, findings: Findings) -> tuple[Stamps, NDArray[np.int64]]:
-    """Sorted, each loop once; and how often the numbering has begun anew before each loop."""
-    keep = np.isfinite(part.sequence) & np.isfinite(part.uplink_send)
-    findings.count(where, "no_source_stamp", int((~keep).sum()))
-    part = _take(part, np.flatnonzero(keep))
-    backwards = int((np.diff(part.sequence) < 0).sum())
-    unique = np.unique(part.sequence).size == part.sequence.size
-    order = np.argsort(part.sequence if unique else part.uplink_send, kind="stable")
-    part = _take(part, order)
-    restart = _restarts(part.sequence)
-    session = np.append(0, np.cumsum(restart))[: part.sequence.size]
-    findings.count(where, "unordered", max(backwards - int(restart.sum()), 0))
-    findings.count(where, "restarts", int(restart.sum()))
-    findings.count(where, "stamps_back", int((np.diff(part.uplink_send) < 0).sum()))
-    answer = np.nan_to_num(part.downlink_receive, nan=np.inf)
-    first = np.lexsort((answer, part.sequence, session))
-    _, once = np.unique(np.column_stack([session, part.sequence])[first], axis=0, return_index=True)
-    findings.count(where, "duplicates", part.sequence.size - once.size)
-    kept = np.sort(first[once])
-    return _take(part, kept), session[kept]
-
-
-def _restarts(sequence: Array) -> NDArray[np.bool_]:
-    """Where numbers go back and go on from there; one that goes back alone is an old one come again."""
-    before, after = sequence[:-1], np.append(sequence[2:], -np.inf)
-    return (sequence[1:] < before) & (after[: before.size] <= before)
-
-
-def _take(part: Stamps, rows: NDArray[np.intp]) -> Stamps:
-    names = ("sequence", "uplink_send", "edge_receive", "edge_send", "downlink_receive")
-    return replace(part, **{name: getattr(part, name)[rows] for name in names})
+def _session(
+    part: Stamps, named: bool, where: str, rules: ClockRules, cleaning: Cleaning, findings: Findings
+) -> _Session | None:
+    """One part's loops; None where it has none."""
+    part, session = in_order(part, where, findings)
+    if not part.sequence.size:
+        return None
+    table = _times(part, where, findings)
+    table["session"] = part.session if named else session
+    clocks = _legs(table, part, where, rules, findings)
+    lost_uplink = int((table["lost"] & np.isnan(part.edge_receive)).sum())
+    apparent = pd.DataFrame({
+        "source_stamp": part.uplink_send, "uplink": part.edge_receive - part.uplink_send,
+        "downlink": part.downlink_receive - part.edge_send,
+    })  # fmt: skip
+    table = numbered(table, session, part.numbered, rules.missing_are_lost, where, findings)
+    if table.empty:  # no loop that could be
+        return None
+    every = table["source_stamp"].diff() if part.timed else pd.Series(dtype=float)
+    findings.count(where, "gaps", int((every > max(cleaning.gap * every.median(), cleaning.least_gap)).sum()))
+    return _Session(table, apparent, clocks, lost_uplink)
 
 
 def _times(part: Stamps, where: str, findings: Findings) -> pd.DataFrame:
@@ -134,7 +147,8 @@ def _times(part: Stamps, where: str, findings: Findings) -> pd.DataFrame:
     longer = compute > np.where(wrong, np.inf, loop)
     findings.count(where, "negative_network", int(longer.sum()))
     return pd.DataFrame({
-        "number": part.sequence, "source_stamp": part.uplink_send, "compute": np.where(longer, np.nan, compute),
+        "number": part.sequence, "counted": part.counted,
+        "source_stamp": part.uplink_send, "compute": np.where(longer, np.nan, compute),
         "loop_time": np.where(lost, np.inf, np.where(wrong, np.nan, loop)), "lost": lost,
     })  # fmt: skip
 
@@ -179,28 +193,3 @@ def _correct(
         return None
     offset = clock.offset(time[piece])
     return up[piece] - offset, down[piece] + offset, clock
-
-
-def _numbered(
-    table: pd.DataFrame, part: Stamps, first: int, where: str, rules: ClockRules, findings: Findings
-) -> pd.DataFrame:
-    """Gives each loop a number that never begins anew, and enters missing ones as lost where that is wanted."""
-    number, session = table["number"].to_numpy(), np.append(0, np.cumsum(np.diff(table["number"]) < 0))
-    ahead = np.diff(number, prepend=number[0])
-    ahead[np.diff(session, prepend=0) > 0] = 1.0
-    missing = int(np.maximum(ahead - 1.0, 0.0).sum())
-    whole = bool((number == np.floor(number)).all())
-    findings.count(where, "missing_numbers", missing if part.numbered and whole else 0)
-    table["sequence"] = first + (np.cumsum(ahead).astype(int) if whole else np.arange(len(table)))
-    if rules.missing_are_lost and missing and whole:
-        if missing > 100 * len(table):
-            raise ValueError(f"{where}: {missing} numbers are missing among {len(table)}, expected a count of loops")
-        full = np.arange(table["sequence"].iloc[0], table["sequence"].iloc[-1] + 1)
-        stamp = np.interp(full, table["sequence"], table["source_stamp"])
-        table = table.set_index("sequence").reindex(full).rename_axis("sequence").reset_index()
-        table["source_stamp"], table["session"] = stamp, table["session"].ffill()
-        absent = table["lost"].isna()
-        table.loc[absent, "loop_time"] = np.inf
-        table["lost"] = table["lost"].where(~absent, True).astype(bool)
-    left = table["loop_time"].notna()
-    return table[left].reset_index(drop=True)

@@ -11,7 +11,7 @@ _PART = re.compile(r"\{([A-Za-z_]\w*)\}|(\*)")
 
 
 @cache
-def _compiled(pattern: str) -> re.Pattern[str]:
+def _compiled(pattern: str, deep: bool = False) -> re.Pattern[str]:
     text, place, named = "", 0, set()
     for part in _PART.finditer(pattern):
         text += re.escape(pattern[place : part.start()])
@@ -20,7 +20,7 @@ def _compiled(pattern: str) -> re.Pattern[str]:
         if name in named:
             text += f"(?P={name})"
         else:
-            text += f"(?P<{name}>[^/]+?)" if name else "[^/]*"
+            text += f"(?P<{name}>{'.' if deep else '[^/]'}+?)" if name else "[^/]*"
             named |= {name} - {None}
     text += re.escape(pattern[place:])
     if "{" in re.sub(_PART, "", pattern):
@@ -37,15 +37,16 @@ def words(pattern: str) -> tuple[str, ...]:
     return tuple(_compiled(pattern).groupindex)
 
 
-def matched(pattern: str, text: str) -> dict[str, str] | None:
+def matched(pattern: str, text: str, *, deep: bool = False) -> dict[str, str] | None:
     """Words that a text has in the places of a pattern; None where it does not match as a whole.
 
-    `{name}` stands for one or more characters but `/`, as few as possible, `*` for any number of them.
+    `{name}` stands for one or more characters but `/`, as few as possible, `*` for any number of them. With `deep`,
+    `/` may be among those of `{name}`.
 
     Raises:
         ValueError: A brace is not closed, or holds no name.
     """
-    found = _compiled(pattern).fullmatch(text)
+    found = _compiled(pattern, deep).fullmatch(text)
     return found.groupdict() if found else None
 
 

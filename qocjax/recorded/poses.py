@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from qocjax.recorded.commands import gaps
 from qocjax.recorded.findings import Findings
-from qocjax.recorded.judge import Quality, Yardstick, judge
+from qocjax.recorded.goals import Goal, chosen_goal, in_own_frame
+from qocjax.recorded.judge import Quality, Yardstick, judge, path_length
 from qocjax.recorded.series import Cleaning, Series
 
 __all__ = ["BEGINNINGS", "quality"]
@@ -16,10 +17,17 @@ Array = NDArray[np.float64]
 
 BEGINNINGS = ("first", "motion", "command")
 _MOVED = 0.05  # m, from where on a robot counts as moving
+_SPARSE = 3.0  # times the interval of odometry
 
 
 def quality(
-    series: dict[str, Series], yardstick: Yardstick, cleaning: Cleaning, findings: Findings, command: float | None
+    series: dict[str, Series],
+    yardstick: Yardstick,
+    cleaning: Cleaning,
+    findings: Findings,
+    command: float | None,
+    odometry: dict[str, Series] | None = None,
+    goals: dict[str, Goal] | None = None,
 ) -> Quality | None:
     """Judges the robots' poses; None where they were never seen together.
 
@@ -32,6 +40,8 @@ def quality(
         cleaning: What counts as gap and jump.
         findings: Takes counts and remarks.
         command: Time of the first command (s), where there is one.
+        odometry: Of robots whose poses are of another kind; where that is denser it says how far they drove.
+        goals: That the recording has, by robot, or for all under the empty name.
 
     Raises:
         ValueError: A value of the yardstick is out of range.
@@ -48,7 +58,34 @@ def quality(
         return None
     instants = np.unique(np.concatenate([t[(t > begin) & (t < end)] for t in times] + [[begin, end]]))
     pose = np.stack([_at(instants, t, path) for t, path in zip(times, paths, strict=True)], axis=1)
-    return judge(robots, instants - begin, pose, begin, yardstick, shared, findings)
+    goal = chosen_goal(series, pose, instants, yardstick, shared, goals or {}, findings)
+    driven = np.array([
+        _driven(name, each, (odometry or {}).get(name), pose[:, k, :2], (begin, end), yardstick, findings)
+        for k, (name, each) in enumerate(series.items())
+    ])  # fmt: skip
+    return judge(robots, instants - begin, pose, begin, yardstick, shared, goal, driven, findings)
+
+
+def _driven(
+    name: str,
+    poses: Series,
+    odometry: Series | None,
+    points: Array,
+    window: tuple[float, float],
+    yardstick: Yardstick,
+    findings: Findings,
+) -> float:
+    """How far a robot drove: by its poses, or by its odometry where poses are seldom, and jump as localisation does."""
+    if odometry is not None and odometry.time.size > 1:
+        usual = [float(np.median(np.diff(each.time))) for each in (poses, odometry)]
+        inside = (odometry.time >= window[0]) & (odometry.time <= window[1])
+        if usual[0] > _SPARSE * usual[1] and inside.sum() > 1:
+            findings.note(
+                f"{name}: its poses come every {usual[0]:.3g} s, so its path length is that of its odometry "
+                f"(every {usual[1]:.3g} s)"
+            )
+            return path_length(odometry.values[inside, :2], yardstick.path_resolution)
+    return path_length(points, yardstick.path_resolution)
 
 
 def _look_at(name: str, series: Series, cleaning: Cleaning, findings: Findings) -> None:
@@ -62,7 +99,7 @@ def _look_at(name: str, series: Series, cleaning: Cleaning, findings: Findings) 
 def _share_frame(series: dict[str, Series], yardstick: Yardstick, findings: Findings) -> bool:
     """Whether positions of different robots can be compared."""
     starts = yardstick.starts or {}
-    own = [name for name, each in series.items() if each.kind == "nav_msgs/msg/Odometry" and name not in starts]
+    own = [name for name, each in series.items() if in_own_frame(each) and name not in starts]
     frames = {name: each.frame.strip("/") for name, each in series.items()}
     if not own and len(set(frames.values())) > 1 and not starts:
         own = list(frames)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
+from qocjax.recorded.command_loops import command_loops
 from qocjax.recorded.commands import CommandReport, report_commands
+from qocjax.recorded.content import read_bag
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.formats import FORMATS, read_log
 from qocjax.recorded.judge import Quality, Yardstick
-from qocjax.recorded.loops import COLUMNS, ClockRules, LoopTrace, loop_trace
+from qocjax.recorded.latency import Latency, command_to_motion
+from qocjax.recorded.loops import ClockRules, LoopTrace, loop_trace
+from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.poses import quality
-from qocjax.recorded.series import Cleaning, Series, clean
+from qocjax.recorded.series import Cleaning, clean
 from qocjax.recorded.stamps import StampsFormat, read_stamps
-from qocjax.recorded.topics import BagContent, TopicPatterns, read_bag, read_pose_table
+from qocjax.recorded.topics import BagContent, TopicPatterns, read_pose_table
 
 __all__ = ["RecordedRun", "Rules", "RunFiles", "read_run"]
 
@@ -31,6 +35,7 @@ class RunFiles:
     bag: Path | None = None
     poses: Path | None = None  # table
     stamps: tuple[tuple[Path, Path | None], ...] = ()  # tables of stamps, each with the edge's own if there is one
+    log: tuple[Path, str] | None = None  # of a tool, and its format
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,8 @@ class Rules:
     cleaning: Cleaning = field(default_factory=Cleaning)
     yardstick: Yardstick = field(default_factory=Yardstick)
     commands_on_robot_clock: bool = True  # whether what recorded a TwistStamped command ran on the clock of its stamp
+    poses: PosesFormat = field(default_factory=PosesFormat)
+    kind: str = "auto"  # format of logs: `auto`, or one of `FORMATS`
 
 
 @dataclass(frozen=True)
@@ -58,6 +65,9 @@ class RecordedRun:
     late: dict[str, np.ndarray]  # by topic: delay above the envelope of the clock, s; the constant part is not known
     qos: dict[str, str]  # offered, by topic
     findings: Findings
+    format: str = ""  # what kind of file it was read from, where that is a tool's
+    one_way: dict[str, np.ndarray] = field(default_factory=dict)  # delays of one direction, s, inf where lost
+    latency: dict[str, Latency] = field(default_factory=dict)  # from commands to motion, by robot
 
 
 def read_run(files: RunFiles, rules: Rules, *, quiet: bool = False) -> RecordedRun:
@@ -72,47 +82,86 @@ def read_run(files: RunFiles, rules: Rules, *, quiet: bool = False) -> RecordedR
         ValueError: A file is not there, is not of its format, or holds nothing of what is looked for.
     """
     findings = Findings()
+    if files.log is not None:
+        return _from_log(files.name, *files.log, rules, findings)
     loops = _stamp_loops(files, rules, findings)
     content = None
     if files.bag is not None:
         content = read_bag(files.bag, rules.topics, findings, quiet=quiet)
     elif files.poses is not None:
-        content = read_pose_table(files.poses, findings, rules.topics.only)
+        content = read_pose_table(files.poses, findings, rules.topics.only, rules.poses)
     if content is None:
-        first = min(trace.epoch for trace in loops.values())
-        span = max(trace.epoch + float(trace.table["source_stamp"].iloc[-1]) for trace in loops.values()) - first
-        return RecordedRun(files.name, first, span, loops, {}, None, {}, {}, findings)
+        return RecordedRun(files.name, *_span(loops), loops, {}, None, {}, {}, findings)
     return _from_content(files.name, content, loops, rules, findings)
+
+
+def _span(loops: dict[str, LoopTrace]) -> tuple[float | None, float]:
+    """When the first loop began (s, None where that is not known), and how long they took (s, NaN likewise)."""
+    known = [trace for trace in loops.values() if trace.table["source_stamp"].notna().any()]
+    if not known:
+        return None, float("nan")
+    first = min(trace.epoch for trace in known)
+    return first or None, max(trace.epoch + float(trace.table["source_stamp"].max()) for trace in known) - first
+
+
+def _from_log(name: str, path: Path, kind: str, rules: Rules, findings: Findings) -> RecordedRun:
+    """What the log of a tool says."""
+    log = read_log(path, kind, findings, rules.stamps.unit)
+    for note in log.notes:
+        findings.note(note)
+    loops = {}
+    if log.parts:
+        trace = loop_trace(log.parts, path.name, rules.clock, rules.cleaning, findings, log.period)
+        lost = trace.lost_uplink if log.lost_uplink is None else log.lost_uplink
+        loops["loops"] = replace(trace, lost_uplink=lost)
+    one_way = {} if log.one_way is None else {"one_way": log.one_way}
+    return RecordedRun(name, *_span(loops), loops, {}, None, {}, {}, findings, FORMATS[kind].TITLE, one_way)
 
 
 def _from_content(
     name: str, content: BagContent, loops: dict[str, LoopTrace], rules: Rules, findings: Findings
 ) -> RecordedRun:
     """Adds what a bag's poses and commands say."""
-    cleaning = rules.cleaning
-    poses = {
-        robot: clean(raw, content.begin, content.topics[robot][0], cleaning, findings)
-        for robot, raw in content.poses.items()
-    }
     where = {robot: content.topics[robot][1] or f"commands of {robot}" for robot in content.commands}
-    commands = {
-        robot: clean(raw, content.begin, where[robot], cleaning, findings) for robot, raw in content.commands.items()
+    cleaned = {
+        part: {
+            robot: clean(raw, content.begin, name_of(robot), rules.cleaning, findings) for robot, raw in raws.items()
+        }
+        for part, raws, name_of in (
+            ("poses", content.poses, lambda robot: content.topics[robot][0]),
+            ("odometry", content.odometry, lambda robot: f"odometry of {robot}"),
+            ("commands", content.commands, where.__getitem__),
+        )
     }
+    poses, odometry, commands = cleaned["poses"], cleaned["odometry"], cleaned["commands"]
     if not poses:
         findings.note("no quality: no topic has poses")
-    reports = {robot: report_commands(each, where[robot], cleaning, findings) for robot, each in commands.items()}
+    reports = {robot: report_commands(each, where[robot], rules.cleaning, findings) for robot, each in commands.items()}
+    latency: dict[str, Latency] = {}
     for robot, each in commands.items():
+        states = [part[robot] for part in (odometry, poses) if robot in part]
         if each.kind == _STAMPED and robot not in loops:
-            trace = _command_loops(robot, each, poses.get(robot), where[robot], rules, findings, content.begin)
+            trace = command_loops(
+                robot, each, states, where[robot], rules.commands_on_robot_clock, findings, content.begin
+            )
             loops |= {robot: trace} if trace is not None else {}
+        found = command_to_motion(each, states[0]) if states else None
+        latency |= {robot: found} if found is not None else {}
+        if found is None and robot not in loops and states:
+            findings.note(
+                f"{where[robot]}: no delay between commands and motion can be estimated, as commands change too seldom "
+                "or do not explain the motion"
+            )
     poses = {robot: each for robot, each in poses.items() if each.time.size > 1}
     first = min((float(each.record.min()) for each in commands.values() if each.record.size), default=None)
-    judged = quality(poses, rules.yardstick, cleaning, findings, first) if poses else None
+    judged = None
+    if poses:
+        judged = quality(poses, rules.yardstick, rules.cleaning, findings, first, odometry, content.goals)
     late = {content.topics[robot][0]: each.late[np.isfinite(each.late)] for robot, each in poses.items()}
     return RecordedRun(
         name, 1e-9 * content.begin or None, 1e-9 * (content.end - content.begin), loops,
         {robot: report for robot, report in reports.items() if report is not None}, judged,
-        {topic: values for topic, values in late.items() if values.size}, content.qos, findings,
+        {topic: values for topic, values in late.items() if values.size}, content.qos, findings, latency=latency,
     )  # fmt: skip
 
 
@@ -128,39 +177,3 @@ def _stamp_loops(files: RunFiles, rules: Rules, findings: Findings) -> dict[str,
             where = f"{path.name}, {robot}" if robot else path.name
             loops[label] = loop_trace(own, where, rules.clock, rules.cleaning, findings)
     return loops
-
-
-def _command_loops(
-    robot: str, commands: Series, poses: Series | None, where: str, rules: Rules, findings: Findings, begin: int
-) -> LoopTrace | None:
-    """The loops that stamped commands tell of: each bears the stamp of the state that it answers (paper, D_cfg).
-
-    The delay is record time less stamp, both on the robot's clock; a stamp of a pose that no command bears is a lost
-    loop, if poses and commands share stamps at all.
-    """
-    has = np.isfinite(commands.stamp)
-    delay, stamp = (commands.record - commands.stamp)[has], commands.stamp[has]
-    if not has.any():
-        return None
-    if not rules.commands_on_robot_clock or np.median(delay) < 0.0:
-        findings.count(where, "clock_unknown")
-        findings.note(f"{where}: stamps are of another clock than the record times; no loop times")
-        return None
-    findings.count(where, "negative_loop_time", int((delay < 0.0).sum()))
-    best = pd.Series(delay[delay >= 0.0]).groupby(stamp[delay >= 0.0]).min()
-    known = np.unique(np.round(poses.stamp[np.isfinite(poses.stamp)], 7)) if poses is not None else np.empty(0)
-    best.index = np.round(best.index, 7)
-    known = known[(known >= best.index.min()) & (known <= best.index.max())]
-    share = float(best.index.isin(known).mean())
-    if share > 0.5:
-        best = best.reindex(np.union1d(known, best.index), fill_value=np.inf)
-    elif poses is not None:
-        findings.note(f"{where}: {share:.0%} of the stamps are those of poses; lost loops cannot be seen")
-    source = best.index.to_numpy()
-    table = pd.DataFrame({
-        "sequence": np.arange(len(best)), "session": "", "number": np.arange(len(best)),
-        "source_stamp": source - source[0], "uplink": np.nan, "compute": np.nan, "downlink": np.nan,
-        "loop_time": best.to_numpy(), "lost": np.isinf(best.to_numpy()),
-    })  # fmt: skip
-    empty = pd.DataFrame({"source_stamp": [], "uplink": [], "downlink": []}, dtype=float)
-    return LoopTrace(robot, table[COLUMNS], 1e-9 * begin + source[0], None, (), empty)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from qocjax.recorded.clocks import lower_envelope
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.messages import STAMPLESS
 
 __all__ = ["Cleaning", "Raw", "Series", "clean"]
 
@@ -30,16 +31,19 @@ class Cleaning:
 
 @dataclass
 class Raw:
-    """What is read of a topic, in little memory: 40 bytes a message."""
+    """What is read of a topic, in the order of the storage and in little memory: 48 bytes a message."""
 
     kind: str
     frame: str = ""
     record: array[int] = field(default_factory=lambda: array("q"))  # ns
-    stamp: array[int] = field(default_factory=lambda: array("q"))  # ns, 0 for none
+    stamp: array[int] = field(default_factory=lambda: array("q"))  # ns, 0 for none, STAMPLESS where the type has none
     values: array[float] = field(default_factory=lambda: array("d"))  # three a message
+    place: array[int] = field(default_factory=lambda: array("q"))  # in the storage, among all that is read
+    frames: set[str] = field(default_factory=set)  # that messages name
 
-    def append(self, record: int, stamp: int, values: tuple[float, float, float]) -> None:
+    def append(self, place: int, record: int, stamp: int, values: tuple[float, float, float]) -> None:
         """Adds a message."""
+        self.place.append(place)
         self.record.append(record)
         self.stamp.append(stamp)
         self.values.extend(values)
@@ -74,10 +78,10 @@ def clean(raw: Raw, begin: int, where: str, cleaning: Cleaning, findings: Findin
     record: Array = 1e-9 * (np.frombuffer(raw.record, np.int64) - begin).astype(np.float64)
     stamp_ns = np.frombuffer(raw.stamp, np.int64)
     values = np.frombuffer(raw.values, np.float64).reshape(-1, 3)
-    stamped = stamp_ns != 0
+    stamped = (stamp_ns != 0) & (stamp_ns != STAMPLESS)
     stamp = np.where(stamped, 1e-9 * (stamp_ns - begin), np.nan)
     if raw.kind != "geometry_msgs/msg/Twist":  # the one type that has no stamp
-        findings.count(where, "no_stamp", int((~stamped).sum()))
+        findings.count(where, "no_stamp", int((stamp_ns == 0).sum()))
     keep = np.isfinite(values).all(axis=1)
     findings.count(where, "not_finite", int((~keep).sum()))
     keep &= ~_repeated(stamp_ns, values, stamped & keep)

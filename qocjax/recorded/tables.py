@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from qocjax.network.completion import completes
 from qocjax.quality import QocScale, qoc
@@ -15,7 +16,16 @@ from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
 from qocjax.study.statistics import estimate
 
-__all__ = ["findings_table", "group_table", "reliability_table", "robot_table", "run_table", "scale_of"]
+__all__ = [
+    "findings_table",
+    "group_table",
+    "loop_row",
+    "percentile",
+    "reliability_table",
+    "robot_table",
+    "run_table",
+    "scale_of",
+]
 
 PERCENTILES = (50, 95, 99)
 
@@ -34,8 +44,10 @@ def run_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: QocSc
     rows = []
     for run, label in zip(runs, labels, strict=True):
         rows.append({
-            "run": run.name, **label, "begins": _iso(run.begins), "recorded": run.duration, **_quality(run, scale),
-            **_loops([run.loops[name] for name in run.loops]), **_commands(run), **_late(run), "offered_qos": _qos(run),
+            "run": run.name, **label, "format": run.format, "begins": _iso(run.begins), "recorded": run.duration,
+            **_quality(run, scale), **loop_row([run.loops[name] for name in run.loops]), **_commands(run),
+            **_latency(run), **_late(run),
+            "offered_qos": _qos(run),
             **{f"found_{cause}": run.findings.total(cause) for cause in CAUSES},
             "notes": "; ".join(run.findings.notes),
         })  # fmt: skip
@@ -61,7 +73,7 @@ def robot_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: Qoc
             if robot in run.commands:
                 row |= {f"command_{name}": value for name, value in vars(run.commands[robot]).items()}
             if robot in run.loops:
-                row |= _loops([run.loops[robot]])
+                row |= loop_row([run.loops[robot]])
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -105,9 +117,19 @@ def reliability_table(trace: LoopTrace, deadlines_ms: Sequence[float]) -> pd.Dat
     return pd.DataFrame(rows)
 
 
+def percentile(values: ArrayLike, level: float) -> float:
+    """The smallest value that a share of the values (%) does not exceed, as F(Δ) has it; `advise` means the same."""
+    return float(np.percentile(np.asarray(values, np.float64), level, method="inverted_cdf"))
+
+
 def _longest(flags: np.ndarray) -> int:
+    return int(_lengths(flags).max(initial=0))
+
+
+def _lengths(flags: np.ndarray) -> np.ndarray:
+    """Lengths of the runs of what is true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(int), [0]))))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return edges[1::2] - edges[::2]
 
 
 def _iso(epoch: float | None) -> str:
@@ -123,7 +145,7 @@ def _quality(run: RecordedRun, scale: QocScale | None) -> dict:
         "qoc": _mean(np.asarray(qoc(judged.auc, scale))) if scale else np.nan, "min_distance": judged.min_distance,
         "collided": judged.collided, "path_length": judged.path_length.mean(),
         "arrival_time": judged.arrival_time.max(),
-        "goal": " | ".join(f"{x:.4g} {y:.4g}" for x, y in np.reshape(judged.goal, (-1, 2))),
+        "goal": " | ".join(f"{x:.4g} {y:.4g}" for x, y in np.reshape(judged.goal, (-1, 2)) if np.isfinite(x + y)),
     }  # fmt: skip
 
 
@@ -133,7 +155,7 @@ def _mean(values: np.ndarray) -> float:
     return float(defined.mean()) if defined.size else float("nan")
 
 
-def _loops(traces: Sequence[LoopTrace]) -> dict:
+def loop_row(traces: Sequence[LoopTrace]) -> dict:
     """Loops of some robots together; delays in s."""
     if not traces:
         return {}
@@ -143,13 +165,14 @@ def _loops(traces: Sequence[LoopTrace]) -> dict:
         "loops": len(table), "lost": int(table["lost"].sum()), "lost_share": table["lost"].mean(),
         "lost_uplink": None if None in uplink else sum(n or 0 for n in uplink),
         "longest_lost_run": max(_longest(trace.table["lost"].to_numpy()) for trace in traces),
+        "lost_runs": sum(_lengths(trace.table["lost"].to_numpy()).size for trace in traces),
         "period": table.groupby("session")["source_stamp"].diff().median(),
     }  # fmt: skip
     arrived = table[~table["lost"]]
     for name, column in (("loop", "loop_time"), ("uplink", "uplink"), ("compute", "compute"), ("downlink", "downlink")):
         values = arrived[column].dropna()
         if len(values):
-            row |= {f"{name}_p{p}": np.percentile(values, p) for p in PERCENTILES}
+            row |= {f"{name}_p{p}": percentile(values, p) for p in PERCENTILES}
     clocks = [clock for trace in traces for clock in trace.clocks]
     if clocks:
         row["clock_stretches"] = len(clocks)
@@ -173,11 +196,22 @@ def _commands(run: RecordedRun) -> dict:
     }
 
 
+def _latency(run: RecordedRun) -> dict:
+    """Mean over the robots, with the widest interval's half."""
+    if not run.latency:
+        return {}
+    every = list(run.latency.values())
+    return {
+        "command_to_motion": float(np.mean([each.delay for each in every])),
+        "command_to_motion_half": max(each.high - each.delay for each in every),
+    }
+
+
 def _late(run: RecordedRun) -> dict:
     if not run.late:
         return {}
     every = np.concatenate(list(run.late.values()))
-    return {f"pose_late_p{p}": np.percentile(every, p) for p in PERCENTILES}
+    return {f"pose_late_p{p}": percentile(every, p) for p in PERCENTILES}
 
 
 def _qos(run: RecordedRun) -> str:

@@ -1,0 +1,75 @@
+"""Values of options as the user typed them: what Hydra's grammar would take apart is put in quotes for it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import QuotedString
+from hydra.errors import HydraException
+
+__all__ = ["PATHS", "quoted_options"]
+
+PATHS = ("path", "map", "file", "resume", "dir")
+"""Last words of options that name files and folders; a `~` at their beginning is the user's home."""
+
+_OPTION = re.compile(r"(\+{0,2}[\w./@-]+)=(.*)", re.DOTALL)
+
+
+def quoted_options(arguments: Sequence[str]) -> list[str]:
+    """Puts the values in quotes that would not come through otherwise.
+
+    Those are names of files and folders that Hydra would take for something else (`~`, `#`, `=`, brackets, commas,
+    letters beyond ASCII, numbers), and any other value that it cannot parse. Interpolations, null, what is in quotes,
+    and lists of a sweep (`--multirun`) stay as they are.
+
+    Args:
+        arguments: Of a command line, without the program.
+    """
+    parser = OverridesParser.create()
+    many = any(each in ("-m", "--multirun") for each in arguments)
+    return [_quoted(each, parser, many) for each in arguments]
+
+
+def _quoted(argument: str, parser: OverridesParser, many: bool) -> str:
+    found = _OPTION.fullmatch(argument)
+    if found is None:
+        return argument
+    name, value = found.groups()
+    if name.split(".")[-1].lstrip("+") in PATHS:
+        value = _at_home(value)
+        if _is_name(value) and not (many and "," in value) and _parsed(f"{name}={value}", parser) != value:
+            return f"{name}={_in_quotes(value)}"
+        return f"{name}={value}"
+    if value.startswith("["):
+        value = re.sub(r"(?<=[\[,'\"])~(?=/)", lambda _: os.path.expanduser("~"), value)
+        argument = f"{name}={value}"
+    if _parsed(argument, parser) is None and not value.startswith(("'", '"')):
+        return f"{name}={_in_quotes(value)}"
+    return argument
+
+
+def _at_home(value: str) -> str:
+    """Without a `~` at the beginning, in quotes or not, where there is such a home."""
+    mark = value[:1] if value[:1] in ("'", '"') else ""
+    return mark + os.path.expanduser(value[len(mark) :])
+
+
+def _is_name(value: str) -> bool:
+    return bool(value) and "${" not in value and value not in ("null", "???") and value[0] not in ("'", '"')
+
+
+def _parsed(argument: str, parser: OverridesParser) -> object:
+    """What Hydra makes of a value; None where it cannot parse it."""
+    try:
+        found = parser.parse_override(argument)
+        value = found.value()
+    except (HydraException, ValueError, RecursionError):
+        return None
+    return value.text if isinstance(value, QuotedString) else value if value is not None else "null"
+
+
+def _in_quotes(value: str) -> str:
+    return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + ("\\'" if m[2] else ""), value) + "'"

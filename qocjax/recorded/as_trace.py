@@ -1,0 +1,73 @@
+"""A recorded file as a network: what `network=trace` reads where no column is named."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from qocjax.network import Trace
+from qocjax.network.period import period_of
+from qocjax.recorded.folder import find_runs
+from qocjax.recorded.loops import ClockRules
+from qocjax.recorded.run import RecordedRun, Rules, read_run
+from qocjax.recorded.stamps import StampsFormat
+from qocjax.recorded.topics import TopicPatterns
+
+__all__ = ["read_file", "trace_of"]
+
+
+def read_file(path: str | Path, unit: str | None = None, gaps_are_lost: bool = False) -> RecordedRun:
+    """Reads a log of a tool or a table of loops by what is in it.
+
+    Args:
+        path: The file.
+        unit: Of times that the file says no unit of: s, ms, us or ns.
+        gaps_are_lost: Whether numbers that are not there are lost loops.
+
+    Raises:
+        ValueError: It is none of the formats that are known, or cannot be read.
+    """
+    stamps = StampsFormat(unit=unit)
+    if Path(path).is_dir():
+        raise ValueError(f"{path}: is a folder, expected the log of a tool, or a trace of `python -m qocjax.ingest`")
+    files = find_runs(Path(path), stamps)[0]
+    if files.bag is not None:
+        raise ValueError(f"{path}: is a bag, expected a trace that `python -m qocjax.ingest path={path}` makes of it")
+    rules = Rules(TopicPatterns((), ()), stamps, ClockRules(missing_are_lost=gaps_are_lost))
+    return read_run(files, rules, quiet=True)
+
+
+def trace_of(run: RecordedRun, source: str, period: float | None = None) -> Trace:
+    """The loops of a run as a network, with the period of their send times.
+
+    Warns of what was found in the file, and where nothing tells the period.
+
+    Args:
+        run: One that has the loops of one robot.
+        source: Of the run, for the record.
+        period: Between two loops (s); None for that of the send times.
+
+    Raises:
+        ValueError: It has no loops, or those of several robots.
+    """
+    if len(run.loops) != 1:
+        said = "; ".join(run.findings.notes) or f"holds the loops of {len(run.loops)} robots"
+        raise ValueError(f"{source}: {said}; expected the loop times of one robot")
+    (trace,) = run.loops.values()
+    found = [f"{each.count} {each.cause}" for each in run.findings]
+    if found:
+        warnings.warn(f"{source}: found {', '.join(found)}", stacklevel=2)
+    table, origin = trace.table, "given"
+    if period is None:
+        times = table["source_stamp"].to_numpy(float)
+        period = period_of(times, table["sequence"].to_numpy(float))
+        origin = "" if period is None else "its send times"
+    if period is None:
+        warnings.warn(
+            f"{source}: nothing tells how often loops were measured, a row is taken for each sampling period; expected "
+            "network.period (s)", stacklevel=2,
+        )  # fmt: skip
+    label = f"{source} ({run.format})" if run.format else source
+    return Trace(np.asarray(table["loop_time"], float), run.name, period, label, origin)
