@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -90,7 +91,7 @@ def _difference(row: dict) -> str:
 
 def as_options(arguments: Sequence[str]) -> list[str]:
     """Arguments as options: folders that are named without `studies=` become that list."""
-    folders = [each for each in arguments if not each.startswith("-") and ("=" not in each or Path(each).is_dir())]
+    folders = [each for each in arguments if not each.startswith("-") and ("=" not in each or os.path.isdir(each))]
     others = [each for each in arguments if each not in folders]
     return [*others, f"studies=[{','.join(map(_quoted, folders))}]"] if folders else others
 

@@ -12,6 +12,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from qocjax._quoting import quoted_options
+from qocjax.compare import as_options
 
 ROOT = Path(__file__).parents[1]
 NAMES = ["a=b.csv", "a#b.csv", "läufe/ü.csv", "runs[1].csv", "[a].csv", "{x}.csv", "(1)/x.csv", "a,b.csv", "12", "1e3",
@@ -48,6 +49,11 @@ def test_what_hydra_understands_stays() -> None:
     assert quoted_options(kept) == kept
     assert quoted_options(["-m", "path=a.csv,b.csv"]) == ["-m", "path=a.csv,b.csv"]
     assert values("network.column=delay(ms)", "labels.pattern={qos}/delay_{d}") == ["delay(ms)", "{qos}/delay_{d}"]
+
+
+def test_a_list_of_studies_may_be_longer_than_a_name() -> None:
+    line = f"studies=[{'a' * 300},{'b' * 300}]"
+    assert as_options([line]) == [line]
 
 
 ONE_BY_ONE = """
