@@ -17,8 +17,8 @@ from collections.abc import Callable
 import numpy as np
 
 from qocjax import Design, Scenario, evaluate, gradient, paper_network
-from qocjax.batch import layout
 from qocjax._xla import request_whole_loop
+from qocjax.batch import layout
 from qocjax.scenario import CONTINUOUS
 
 REPEATS = 15

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from qocjax.study.statistics import paired
 
 __all__ = ["FleetStudy", "answers", "map_table", "need_table", "points_table", "steps_table"]
 
+_SAME = 0.01  # of what there is: by less, use does not grow with the fleet
 USES = ("uplink_usage", "edge_usage", "downlink_usage")
 
 
@@ -123,28 +125,35 @@ def _largest(study: FleetStudy) -> str:
 
 
 def _admission(study: FleetStudy) -> list[str]:
+    """When to admit one more, by what fills as robots come; workers of their own do not."""
     if study.largest is None:
         return []
-    row = study.points.set_index("robots").loc[study.largest]
+    rows = study.points.set_index("robots")
+    row, fewest = rows.loc[study.largest], rows.iloc[0]
     names = {"uplink_usage": "the uplink", "edge_usage": "the edge", "downlink_usage": "the downlink"}
-    used = [f"{names[use]} is {row[use]:.0%} in use" for use in USES if use in row and np.isfinite(row[use])]
-    state = ", ".join([*used, f"F({1e3 * row['deadline']:g} ms) = {row['reliability']:.3f}"])
-    return [f"Admit a robot while there are fewer than {study.largest}; at {study.largest} {state}: "
-            "a cell or an edge that is busier than that is full, whoever fills it."]  # fmt: skip
+    filling = [use for use in USES if use in row and row[use] > fewest[use] + _SAME]
+    lines = [f"Admit a robot while there are fewer than {study.largest}; then F({1e3 * row['deadline']:g} ms) = "
+             f"{row['reliability']:.3f}."]  # fmt: skip
+    if filling:
+        used = ", ".join(f"{names[use]} is {row[use]:.0%} in use" for use in filling)
+        lines.append(f"With {study.largest} {used}: what is busier than that is full, whoever fills it.")
+    return [" ".join(lines)]
 
 
 def _needs(study: FleetStudy) -> list[str]:
-    words = {"prbs": "resource blocks", "workers": "workers"}
-    lines = []
-    for given, table in study.needs.items():
-        parts = [
-            f"{row.robots} need{'s' * (row.robots == 1)} {'more than were tried' if np.isnan(row.need) else format(int(row.need), 'd')}"
-            + ("" if np.isnan(row.crossing) else f" (QoC alone, interpolated: {row.crossing:.3g} "
-               f"[{_end(row.crossing_low)}, {_end(row.crossing_high)}])")
-            for row in table.itertuples()
-        ]  # fmt: skip
-        lines.append(f"{words[given].capitalize()}: " + "; ".join(parts) + ".")
-    return lines
+    words = {"prbs": "Resource blocks", "workers": "Workers"}
+    return [
+        f"{words[given]}: {'; '.join(map(_need, table.to_dict('records')))}." for given, table in study.needs.items()
+    ]
+
+
+def _need(row: Mapping[str, Any]) -> str:
+    verb = "needs" if row["robots"] == 1 else "need"
+    text = f"{row['robots']} {verb} {'more than were tried' if np.isnan(row['need']) else format(row['need'], 'g')}"
+    if np.isnan(row["crossing"]):
+        return text
+    ends = f"[{_end(row['crossing_low'])}, {_end(row['crossing_high'])}]"
+    return f"{text} (QoC alone, interpolated: {row['crossing']:.3g} {ends})"
 
 
 def _robots(count: int) -> str:
