@@ -13,7 +13,7 @@ from qocjax.config.controller import ControllerConfig
 from qocjax.config.engine import EngineConfig
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
-from qocjax.config.simulation import LoopConfig, RobotConfig
+from qocjax.config.simulation import LoopConfig, ReferenceConfig, RobotConfig, ScenarioConfig
 from qocjax.config.study import FREE, StudyConfig
 from qocjax.network.demand import BANDWIDTH_PARTS
 from qocjax.quality import QocScale
@@ -139,15 +139,9 @@ class FleetConfig(Part):
         options, raw = self.fleet, self.model_dump()
         for name, value in {**self._discipline(), **(changes or {})}.items():
             _put(raw, name.split("."), value)
-        start, goal = options.layout.build().place(num_robots)
         return StudyConfig.model_validate({
             **{name: raw[name] for name in ("robot", "controller", "loop", "network", "key", "engine", "chunk_steps")},
-            "scenario": {
-                "start": start.tolist(), "goal": goal.tolist(), "horizon": options.horizon,
-                "reference": {"kind": "nominal", "kappa": raw["controller"]["kappa"], "v_max": raw["robot"]["v_max"],
-                              "per_robot": True},
-                "normaliser": "goal_distance", "weights": [1.0, 1.0], "start_jitter": options.start_jitter, "map": None,
-            },
+            "scenario": self._scenario(num_robots).model_dump(),
             "sweep": {
                 "grids": {BEST: [raw["loop"]["tau"]], **(grids or {})}, "deadline_ms": options.deadline_ms,
                 "seeds": options.seeds, "evaluation_seeds": options.evaluation_seeds,
@@ -156,6 +150,16 @@ class FleetConfig(Part):
             },
             "figures": False, "report": False, "arrays": False, "resume": None,
         })  # fmt: skip
+
+    def _scenario(self, num_robots: int) -> ScenarioConfig:
+        """A fleet on open floor; the yardstick of each robot is its own way at the gains as given."""
+        start, goal = self.fleet.layout.build().place(num_robots)
+        yardstick = ReferenceConfig(kind="nominal", kappa=self.controller.kappa, v_max=self.robot.v_max, per_robot=True)
+        return ScenarioConfig(
+            start=start.tolist(), goal=goal.tolist(), horizon=self.fleet.horizon, reference=yardstick,
+            normaliser="goal_distance", weights=[1.0, 1.0], start_jitter=self.fleet.start_jitter, map=None,
+            map_release="jazzy",
+        )  # fmt: skip
 
     def steps(self) -> dict[str, dict[str, Any]]:
         """Changes of one step each, by what a reader calls them."""
