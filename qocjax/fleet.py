@@ -188,9 +188,9 @@ def _completion(runs: Runs) -> pd.DataFrame:
     rows = []
     for robots, (study, problem) in runs.items():
         tau = float(study.results["tau"].iloc[0])
-        axis = np.linspace(0.0, float(study.results["deadline"].max()), 161)
-        if getattr(problem.network, "uses_deadline", False):
-            axis = np.unique(study.results["deadline"])
+        axis = np.unique(study.results["deadline"])
+        if not getattr(problem.network, "uses_deadline", False):
+            axis = np.union1d(axis, np.linspace(0.0, axis[-1], 161))
         share, error = reliability_of(problem.network, problem.scenario, axis, tau)
         rows.append(pd.DataFrame({"robots": robots, "deadline": axis, "reliability": share, "reliability_se": error}))
     return pd.concat(rows, ignore_index=True)
