@@ -3,8 +3,8 @@
     python experiments/advise_all.py [name ...]
 
 Keeps each advice.yaml and a summary in experiments/results/advice. Every run compares with the default gains and a
-deadline of 300 ms; a trace is replayed with the period that it was measured with, the others at tau = 10 ms. About 25 s of
-computing for each.
+deadline of 300 ms; a trace is replayed with the period that it was measured with, the others at tau = 10 ms. About
+25 s of computing for each.
 """
 
 from __future__ import annotations

@@ -164,6 +164,7 @@ class FleetConfig(Part):
                 "seeds": options.seeds, "evaluation_seeds": options.evaluation_seeds,
                 "min_reliability": options.min_reliability,
                 "j_med": None if scale is None else scale.median, "j_max": None if scale is None else scale.largest,
+                "j_max_of": "still", "scale": None,
             },
             "figures": False, "report": False, "arrays": False, "resume": None,
         })  # fmt: skip
