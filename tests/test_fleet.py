@@ -214,9 +214,9 @@ def test_answers_say_what_follows() -> None:
     first, admit, needs, change = answers(study)
     assert first.startswith("4 robots keep a QoC of at least 0.5000 and collisions in at most 5% of the runs: 0.7200")
     assert "16 do not (QoC: 0.1100" in first and "only fleets between those simulated would show" in first
-    assert admit.startswith("Admit a robot while there are fewer than 4; then F(200 ms) = 0.500.")
-    assert "the uplink is 40% in use" in admit and "edge" not in admit  # which is as busy with one robot
-    assert needs.startswith("Workers: 1 needs 1") and "4 need 2" in needs
+    assert admit.startswith("Admit a robot while there are fewer than 4: with 4, F(200 ms) = 0.500;")
+    assert "more than 40% of the uplink in use" in admit and "edge" not in admit  # which is as busy with any
+    assert needs.startswith("Workers: 1 needs at most 1") and "4 need 2" in needs
     assert change.startswith("With N = 16 change first: 8 workers, +0.4200 [")
     none = study_of_points(FALLING, Asked(0.95, 0.05))
     assert answers(none)[0].startswith("No fleet that was simulated keeps a QoC of at least 0.9500")
