@@ -10,6 +10,7 @@ from qocjax.quality import qoc
 from qocjax.study.advice import Advice, plain
 from qocjax.study.margins import Bound
 from qocjax.study.reliability import share_text
+from qocjax.study.scales import scale_text
 from qocjax.study.stress import GROWTHS
 
 __all__ = ["page"]
@@ -47,7 +48,7 @@ def page(advice: Advice) -> str:
         _table(advice.stress, {"change": "change [95 %]"}),
         *_cliff(advice),
         "",
-        f"QoC is relative to J_med = {advice.scale.median:.4g} s and J_max = {advice.scale.largest:.4g} s: "
+        scale_text(advice.scale, "of your gains over the deadlines tried, or given"),
         f"1 would be perfect, {float(qoc(advice.scale.largest, advice.scale)):.3f} is the worst.",
         f"Chosen on {advice.seeds['search']} seeds, judged on {advice.seeds['fresh']} fresh ones; "
         f"{advice.simulations} simulations.",

@@ -45,6 +45,7 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
         config.build_scenario(), network, config.current(), config.bounds(),
         rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
         max_collision_share=options.max_collision_share, effort=config.effort(), asked=config.asked(),
+        scale=config.scale(),
     )  # fmt: skip
     if folder is not None:
         write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(advice_values(advice) | provenance())))

@@ -24,6 +24,7 @@ from qocjax.study.capacity import at_once_text
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.pareto import demand_front, worker_front
 from qocjax.study.reliability import load_of
+from qocjax.study.scales import scale_text
 from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
 from qocjax.study.search.limits import DEMANDS
 
@@ -205,8 +206,7 @@ def main(cfg: DictConfig) -> None:
     found = run(config, folder)
     print(summary(found, config.search.measure))
     print(f"\n{capacity_text(found, config)}")
-    print(f"QoC is relative to J_med = {found.scale.median:.4g} s and J_max = {found.scale.largest:.4g} s, of the "
-          f"baseline over the deadline axis unless given.")  # fmt: skip
+    print(scale_text(found.scale, "given" if config.scale() else "of the baseline over the deadline axis"))
     print(f"Tables, figures and the record are in {folder}")
 
 

@@ -17,6 +17,7 @@ from qocjax.figures.qos import delay_figure, qoc_figure, win_map
 from qocjax.figures.save import save
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.qos import QosStudy, qos_study
+from qocjax.study.scales import scale_text
 
 __all__ = ["main", "run", "text"]
 
@@ -138,7 +139,7 @@ def main(cfg: DictConfig) -> None:
     study = run(config, folder)
     print(text(study, config.shown()))
     scale = study.scale
-    print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
+    print(f"\n{scale_text(scale, 'given' if config.scale() else 'of this study')}")
     print(f"Tables, figures and the record are in {folder}")
 
 

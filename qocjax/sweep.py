@@ -38,6 +38,7 @@ from qocjax.study.replays import policy_runs
 from qocjax.study.scales import scale_text
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
+from qocjax.study.ties import tie_lines
 
 __all__ = ["main", "policy_text", "run"]
 
@@ -226,8 +227,11 @@ def main(cfg: DictConfig) -> None:
     if text := diverged_text(study.results):
         print(f"\n{text}")
     scale = study.scale
+    if lines := tie_lines(study.policies):
+        print("\nNot told apart by the seeds of the choice, of which Co-design takes the largest mean:")
+        print("\n".join(f"  {line}" for line in lines))
     print(f"\n{study_capacity(study, config)}")
-    print(scale_text(scale, "given" if config.scale() else "of this study"))
+    print(scale_text(scale, "given" if config.scale() else "of this study", columns=True))
     print(f"Tables, figures and the record are in {folder}")
     if study.failures:
         causes = "; ".join(sorted(set(study.failures.values())))

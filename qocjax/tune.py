@@ -19,6 +19,7 @@ from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.reliability import share_text
+from qocjax.study.scales import scale_text
 from qocjax.study.tuning import Slopes, Tuning, tune
 
 __all__ = ["design_text", "landscape", "main", "run"]
@@ -133,7 +134,7 @@ def main(cfg: DictConfig) -> None:
     tuning = run(config, folder)
     print(design_text(tuning))
     scale, spent = tuning.problem.objective.scale, tuning.simulations
-    print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s.")
+    print(f"\n{scale_text(scale, 'given' if config.scale() else 'of the baseline over the deadline axis')}")
     print(f"{spent['search']} simulations to search, {spent['selection']} to choose, {spent['evaluation']} to judge.")
     if tuning.stopped_early:
         print(f"Stopped after {tuning.trace['step'].max() + 1} of {config.tune.steps} steps: QoC had stopped growing.")

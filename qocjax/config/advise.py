@@ -9,8 +9,10 @@ from qocjax import _checks
 from qocjax.config.bounds import BoundsConfig
 from qocjax.config.network import TraceConfig
 from qocjax.config.part import Part
+from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.network import Network
+from qocjax.quality import QocScale
 from qocjax.scenario import Design
 from qocjax.study.shortlist import Effort
 from qocjax.study.slack import Asked
@@ -42,6 +44,7 @@ class AdviseOptions(Part):
     rounds: list[int]
     finalists: int
     fresh_seeds: int
+    scale: str | None
     margins: MarginsConfig
 
 
@@ -85,6 +88,10 @@ class AdviseConfig(SimulationConfig):
             if name in found and found[name][1] > cap:
                 raise ValueError(f"advise.bounds.{name}: got {found[name][1]:g}, expected at most the robot's {cap:g}")
         return found
+
+    def scale(self) -> QocScale | None:
+        """J_med and J_max of an earlier study, where one is named."""
+        return given_scale("advise", None, None, self.advise.scale, self.build_scenario())
 
     def asked(self) -> Asked:
         """Which margins are asked for."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from qocjax.config.part import Part
+from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.network import Edge
 from qocjax.network.dds import DdsNetwork, Profile
@@ -45,6 +46,7 @@ class QosOptions(Part):
     seeds: int
     j_med: float | None
     j_max: float | None
+    scale: str | None
 
 
 class QosConfig(SimulationConfig):
@@ -92,12 +94,10 @@ class QosConfig(SimulationConfig):
         return self.qos.show.loss, self.qos.show.burst
 
     def scale(self) -> QocScale | None:
-        """J_med and J_max where both are given.
+        """J_med and J_max where they are given, or named by an earlier study.
 
         Raises:
-            ValueError: Only one is.
+            ValueError: Only one is given, or the file holds no scale of this yardstick.
         """
-        median, largest = self.qos.j_med, self.qos.j_max
-        if (median is None) != (largest is None):
-            raise ValueError(f"qos.j_med, qos.j_max: got {median} and {largest}, expected both or neither")
-        return None if median is None or largest is None else QocScale(median, largest)
+        options = self.qos
+        return given_scale("qos", options.j_med, options.j_max, options.scale, self.build_scenario())

@@ -9,6 +9,7 @@ import optax
 
 from qocjax import _checks
 from qocjax.config.part import Part
+from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.quality import QocScale
 from qocjax.study.tuning import DEFAULT_BOUNDS, Bounds, Search, make_estimator
@@ -97,6 +98,7 @@ class TuningConfig(Part):
     landscape: int
     j_med: float | None
     j_max: float | None
+    scale: str | None
 
 
 class TuneConfig(SimulationConfig):
@@ -148,12 +150,10 @@ class TuneConfig(SimulationConfig):
         return range(first), range(first, first + self.tune.evaluation_seeds)
 
     def scale(self) -> QocScale | None:
-        """J_med and J_max where both are given.
+        """J_med and J_max where they are given, or named by an earlier study.
 
         Raises:
-            ValueError: Only one is.
+            ValueError: Only one is given, or the file holds no scale of this yardstick.
         """
-        given = (self.tune.j_med, self.tune.j_max)
-        if (given[0] is None) != (given[1] is None):
-            raise ValueError(f"tune.j_med, tune.j_max: got {given[0]} and {given[1]}, expected both or neither")
-        return None if given[0] is None or given[1] is None else QocScale(given[0], given[1])
+        options = self.tune
+        return given_scale("tune", options.j_med, options.j_max, options.scale, self.build_scenario())

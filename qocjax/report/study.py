@@ -21,6 +21,7 @@ from qocjax.report.policies import headline, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
+from qocjax.study.ties import tie_lines
 
 __all__ = ["StudyPage", "write_study_report"]
 
@@ -127,6 +128,19 @@ def _policies(page: StudyPage) -> str:
         "met the same starts and loop times, so that differences are paired.</p>"
         + _two_intervals(page)
         + policies_table(page.policies)
+        + _ties(page)
+    )
+
+
+def _ties(page: StudyPage) -> str:
+    """What the policies could as well have chosen."""
+    lines = tie_lines(page.policies) if "tied_values" in page.policies else []
+    if not lines:
+        return ""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return (
+        "<p>The seeds of the choice cannot tell these values from Co-design's, each at its best deadline (95 % interval "
+        f"of the paired difference); of equals the largest mean is taken.</p><ul>{items}</ul>"
     )
 
 

@@ -70,6 +70,7 @@ def advise(
     longest_deadline: float = 0.8,
     max_collision_share: float = 0.01,
     effort: Effort | None = None,
+    scale: QocScale | None = None,
     asked: Asked | None = None,
 ) -> Advice:
     """Recommends deadline and gains for a network, and says what they gain over the current ones.
@@ -84,6 +85,7 @@ def advise(
         longest_deadline: Longest deadline to consider (s).
         max_collision_share: Largest share of runs in which robots may come closer than two radii.
         effort: How much to simulate for the recommendation.
+        scale: J_med and J_max; by default J_med of the current gains over the deadlines tried.
         asked: Which margins to work out.
 
     Raises:
@@ -97,7 +99,7 @@ def advise(
     box, axis = Box(current, bounds), candidate_deadlines(network, load, longest_deadline)
     fine = np.unique(np.concatenate([axis, np.geomspace(axis[0], longest_deadline, 12)]))
     pilot = [0.0, *fine.tolist()]  # from a deadline at which hardly a robot moves: the worst that can happen
-    scale = pilot_scale(scenario, network, current, pilot, range(effort.rounds[0]), rules=rules, key=key)
+    scale = scale or pilot_scale(scenario, network, current, pilot, range(effort.rounds[0]), rules=rules, key=key)
     objective = Objective(scenario, network, scale, rules, key, simulations=len(pilot) * effort.rounds[0])
     finalists = shortlist(objective, box, axis, max_collision_share, effort)
     fresh = range(effort.rounds[-1], effort.rounds[-1] + effort.fresh_seeds)

@@ -16,6 +16,7 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
 from qocjax.study.reliability import load_of, reliability_of
+from qocjax.study.scales import scale_of_runs
 from qocjax.study.sweep import qoc_by_seed
 
 __all__ = ["Objective", "pilot_scale"]
@@ -66,7 +67,7 @@ def pilot_scale(
     rules: Rules | None = None,
     key: int = 0,
 ) -> QocScale:
-    """J_med and J_max of the baseline over a deadline axis: a scale fixed before any search begins.
+    """J_med of the baseline over a deadline axis, and J_max: a scale fixed before any search begins.
 
     A search that made its own scale would move it while it searches.
 
@@ -81,4 +82,4 @@ def pilot_scale(
     """
     designs = replace(baseline, deadline=np.asarray(deadlines, float))
     runs = evaluate(scenario, designs, network, seeds, rules=rules, key=key)
-    return QocScale.of(runs["auc"].values)
+    return scale_of_runs(runs["auc"].values, scenario)

@@ -19,6 +19,7 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario, num_ticks
 from qocjax.study.recorded import RecordedLoops, network_keys
+from qocjax.study.scales import scale_of_runs
 from qocjax.study.statistics import estimate, paired
 from qocjax.study.sweep import qoc_by_seed
 from qocjax.study.transport import bursty_loss, run_transport, traffic_row, transport_row
@@ -106,7 +107,7 @@ def qos_study(
             cells.append(Cell(name, loss, burst, sent.loop_times, runs))
             place = {"profile": name, "loss": loss, "burst": burst}
             rows.append(place | transport_row(sent, tau) | traffic_row(sent, carrier or Carrier()))
-    scale = scale or QocScale.of(np.concatenate([cell.runs["auc"].values.ravel() for cell in cells]))
+    scale = scale or scale_of_runs(np.concatenate([cell.runs["auc"].values for cell in cells]), scenario)
     results = _results(cells, np.asarray(deadlines, float), scale, next(iter(profiles)))
     best = _best_deadlines(cells, scale, next(iter(profiles)))
     return QosStudy(results, pd.DataFrame(rows), best, scale, cells)

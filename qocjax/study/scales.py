@@ -44,20 +44,22 @@ def standing_still(scenario: Scenario) -> float:
     return float((np.trapezoid(apart, np.asarray(time), axis=0) / np.asarray(norm)).max())
 
 
-def scale_text(scale: QocScale, of: str) -> str:
+def scale_text(scale: QocScale, of: str, columns: bool = False) -> str:
     """What QoC is relative to, in a sentence or two.
 
     Args:
         scale: J_med and J_max.
         of: What J_med is the median of.
+        columns: Whether the tables have intervals with the error of J_med in them.
     """
     text = f"QoC is relative to J_med = {scale.median:.4g} s, the median AUC {of}, and J_max = {scale.largest:.4g} s."
-    if scale.median_se > 0.0:
-        text += (
-            f" J_med is known to ± {scale.median_se:.2g} s: errors and intervals beside QoC are given this scale; with "
-            "its error in them they are in the columns *_whole_*."
-        )
-    return text
+    if not scale.median_se > 0.0:
+        return text
+    most = 0.25 * scale.median_se / scale.median  # dQ/dJ_med = Q (1 - Q) / J_med
+    text += (
+        f" Errors and intervals are given this scale; J_med is known to ± {scale.median_se:.2g} s, which moves all QoC "
+    )
+    return text + f"together, by ± {most:.2g} at most" + (" (columns *_whole_* have it in them)." if columns else ".")
 
 
 def scale_of_runs(auc: np.ndarray, scenario: Scenario, largest: str = "still") -> QocScale:

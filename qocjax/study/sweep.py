@@ -28,6 +28,7 @@ from qocjax.study.scales import measured_scale
 from qocjax.study.scores import difference, score
 from qocjax.study.statistics import estimate
 from qocjax.study.table import qoc_by_seed, results_table
+from qocjax.study.ties import tie_columns
 
 __all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
 
@@ -165,6 +166,7 @@ def study_of(
         raise ValueError("policies: got no design that neither diverged nor failed, expected at least one to choose")
     second = run_part(problem, Part("evaluation", evaluation, tuple(places.tolist())), *rest)
     policies = _judge(results, chosen, second, iter(inverse.tolist()), scale)
+    policies = policies.join(pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale)))
     made_with = {str(each): each for each in (*first.made_with, *second.made_with)}
     runs, judged = (part.runs if shelf else part.runs.load() for part in (first, second))
     failures = {**first.failures, **second.failures}

@@ -1,0 +1,84 @@
+"""Which values and deadlines the seeds of the choice cannot tell from the chosen ones (model, section 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from scipy import special
+
+from qocjax.quality import QocScale
+from qocjax.study.grid import Grid
+from qocjax.study.scores import seed_scores
+
+__all__ = ["tie_columns", "tie_lines"]
+
+Choice = tuple[str, str, int | None]  # sweep, policy, row of the results
+
+
+def tie_columns(
+    runs: xr.Dataset, grid: Grid, results: pd.DataFrame, chosen: Sequence[Choice], scale: QocScale
+) -> list[dict[str, Any]]:
+    """For each choice the values that tie with it, and the stretch of deadlines.
+
+    A value ties where the 95 % interval of its paired difference to the choice, on the seeds of the choice, holds zero:
+    with Co-design each value at its own best deadline, with the other policies at theirs. Of equals the policies take
+    the one with the largest mean.
+
+    Args:
+        runs: Of the selection seeds.
+        grid: Rows of the results.
+        results: The table.
+        chosen: From the policies.
+        scale: Of the QoC.
+
+    Returns:
+        For each choice `tied_values` (text, values separated by blanks), and at the chosen value `tied_deadline_low`
+        and `tied_deadline_high` (s).
+    """
+    return [_ties(runs, grid, results, *choice, scale) for choice in chosen]
+
+
+def tie_lines(policies: pd.DataFrame) -> list[str]:
+    """What Co-design could as well have chosen, a line for each sweep where there is such."""
+    lines = []
+    for row in policies[(policies["policy"] == "Co-design") & policies["qoc"].notna()].itertuples():
+        ends = [1e3 * row.tied_deadline_low, 1e3 * row.tied_deadline_high]
+        stretch = f"{ends[0]:g} ms" if ends[0] == ends[1] else f"{ends[0]:g} to {ends[1]:g} ms"
+        values = str(row.tied_values).split()
+        if len(values) > 1 or ends[0] != ends[1]:
+            lines.append(f"{row.sweep}: {', '.join(values)}; at {row.value:g} any deadline from {stretch}"
+                         if ends[0] != ends[1] else f"{row.sweep}: {', '.join(values)}")  # fmt: skip
+    return lines
+
+
+def _ties(
+    runs: xr.Dataset, grid: Grid, results: pd.DataFrame, sweep: str, policy: str, row: int | None, scale: QocScale
+) -> dict[str, Any]:
+    if row is None:
+        return {"tied_values": "", "tied_deadline_low": np.nan, "tied_deadline_high": np.nan}
+    rows = grid.rows(sweep)
+    value, deadline = (int(place[0]) for place in np.nonzero(rows == row))
+    free = policy == "Co-design"  # the deadline too
+    qoc = results["qoc"].where(results["diverged_share"] == 0, -np.inf).fillna(-np.inf).to_numpy()[rows]
+    own = qoc.argmax(axis=1) if free else np.full(len(rows), deadline)
+    values = _equal(runs, grid, rows[np.arange(len(rows)), own], value, scale)
+    along = _equal(runs, grid, rows[value], deadline, scale) if free else np.arange(rows.shape[1]) == deadline
+    axis = grid.deadline[rows[0]][along]
+    return {
+        "tied_values": " ".join(f"{each:g}" for each in grid.value[rows[:, 0]][values]),
+        "tied_deadline_low": float(axis.min()), "tied_deadline_high": float(axis.max()),
+    }  # fmt: skip
+
+
+def _equal(runs: xr.Dataset, grid: Grid, rows: np.ndarray, chosen: int, scale: QocScale) -> np.ndarray:
+    """Which rows [K] cannot be told from the chosen one of them."""
+    auc = runs["auc"].isel(design=grid.design[rows]).values.astype(np.float64)
+    scores = seed_scores(np.where(np.isnan(auc), np.inf, auc), scale)
+    gap = scores - scores[chosen]
+    seeds = gap.shape[1]
+    half = float(special.stdtrit(seeds - 1, 0.975)) * gap.std(axis=1, ddof=1) / np.sqrt(seeds)
+    return (gap.mean(axis=1) + half >= 0.0) | (np.arange(len(rows)) == chosen)
