@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import pytest
 
+from qocjax import Design, Scenario, evaluate
 from qocjax.network import Network, Trace, completes, faster_than_measured, loop_times, paper_network
 
 KEYS = jax.random.split(jax.random.key(51), 200)
@@ -122,3 +123,10 @@ def test_a_replay_faster_than_the_measurement_is_told() -> None:
     assert faster_than_measured(trace, 0.055) is None and faster_than_measured(trace, 0.1) is None
     assert faster_than_measured(Trace([0.1], "one"), 0.01) is None
     assert faster_than_measured(paper_network(), 1e-4) is None
+
+
+def test_a_trace_with_a_source_is_simulated_as_it_is() -> None:
+    trace = Trace(np.full(400, 0.15), "named", source="somewhere")
+    scenario = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=2.0)
+    runs = evaluate(scenario, Design(tau=0.1, deadline=[0.1, 0.2]), trace, range(2))
+    np.testing.assert_array_equal(runs["completed_share"].values.mean(axis=1), [0.0, 1.0])

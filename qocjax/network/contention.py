@@ -21,7 +21,7 @@ _programs: Once[jax.stages.Compiled] = Once()  # of this process, each for one d
 
 def source_of(network: Network) -> Network:
     """A network with the same draws, equal for all that differ in what only `contend` reads."""
-    return getattr(network, "source", network)
+    return getattr(network, "drawn_as", network)
 
 
 def contend(network: SharedNetwork, drawn: Any, num_ticks: int, tau: float, deadline: Any) -> Contended:

@@ -76,7 +76,7 @@ class EdgeNetwork:
         return self.edge.abort
 
     @property
-    def source(self) -> EdgeNetwork:
+    def drawn_as(self) -> EdgeNetwork:
         """A network with the same draws, whatever the edge."""
         return EdgeNetwork(self.path, Edge())
 

@@ -93,7 +93,7 @@ class CellNetwork:
         return self.edge.abort
 
     @property
-    def source(self) -> CellNetwork:
+    def drawn_as(self) -> CellNetwork:
         """A network with the same draws, whatever its edge and the size of its messages and slots."""
         ways = {way: replace(getattr(self, way), message_bytes=1.0, slot_bits=1e6) for way in ("uplink", "downlink")}
         return replace(self, edge=Edge(), **ways)
