@@ -21,6 +21,7 @@ from qocjax.report.policies import headline, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
+from qocjax.study.hanging import HANGING
 
 __all__ = ["StudyPage", "write_study_report"]
 
@@ -42,6 +43,7 @@ class StudyPage:
     seed: int | None = None  # of the replays
     hall: HallMap | None = None
     failures: Mapping[str, str] = field(default_factory=dict)  # why a part of the study has no results
+    hanging: Sequence[str] = ()  # conclusions of the paper that hang on a choice, in sentences
 
 
 def write_study_report(path: Path, page: StudyPage) -> Path:
@@ -120,8 +122,18 @@ def _facts(page: StudyPage) -> str:
 def _policies(page: StudyPage) -> str:
     return (
         "<p>Each policy chose value and deadline on some seeds; QoC and AUC are those on others, on which all policies "
-        "met the same starts and loop times, so that differences are paired.</p>" + policies_table(page.policies)
+        "met the same starts and loop times, so that differences are paired.</p>"
+        + policies_table(page.policies)
+        + _hanging(page.hanging)
     )
+
+
+def _hanging(texts: Sequence[str]) -> str:
+    """Which conclusions hang on a choice of the configuration."""
+    if not texts:
+        return ""
+    lines = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f"<details><summary>{escape(HANGING)}</summary><ul>{lines}</ul></details>"
 
 
 def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:
