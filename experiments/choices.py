@@ -23,7 +23,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from omegaconf import OmegaConf
 
-from experiments.conclusions import CONCLUSIONS, UNITS, Bench, Finding, Setting
+from experiments.conclusions import CONCLUSIONS, Conclusion
+from experiments.settings import Bench, Setting
+from experiments.verdicts import UNITS, Finding
 from qocjax import Design, Rules, Scenario, kth_5g_network
 from qocjax._xla import request_whole_loop
 from qocjax.config import conf_dir
@@ -67,9 +69,9 @@ def settings() -> dict[tuple[str, str], Setting]:
     return found
 
 
-def line(choice: tuple[str, str], finding: Finding, seeds: int) -> dict[str, object]:
+def line(choice: tuple[str, str], conclusion: Conclusion, finding: Finding, seeds: int) -> dict[str, object]:
     """A row of the table: the difference that decides, and how many of all lie on which side."""
-    part, conclusion = finding.deciding, finding.conclusion
+    part = finding.deciding
     found, sides = part.interval(), [each.side() for each in finding.parts]
     return {
         "conclusion": conclusion.number, "claim": conclusion.claim, "sweep": conclusion.sweep,
@@ -181,7 +183,7 @@ def main() -> None:
     rows, begin = [], time.perf_counter()
     for choice, setting in settings().items():
         bench = Bench(setting, given.seeds)
-        rows += [line(choice, conclusion.judge(bench), given.seeds) for conclusion in CONCLUSIONS]
+        rows += [line(choice, conclusion, conclusion.judge(bench), given.seeds) for conclusion in CONCLUSIONS]
         print(f"{time.perf_counter() - begin:4.0f} s  {' = '.join(filter(None, choice))}", flush=True)
     table = with_flips(pd.DataFrame(rows))
     given.out.mkdir(parents=True, exist_ok=True)

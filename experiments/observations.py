@@ -3,8 +3,8 @@
     python experiments/observations.py [seeds]
 
 Prints a Markdown table for the edge of the study, which never lets a sample wait, and for one with a worker per robot:
-what the paper observes, what the simulation gives, whether it holds. How each is tested is in `conclusions.py`. About
-40 s.
+what the paper observes, what the simulation gives, whether it holds. How each is tested is in `conclusions.py` and
+`verdicts.py`. About 40 s.
 """
 
 from __future__ import annotations
@@ -14,21 +14,23 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from experiments.conclusions import CONCLUSIONS, FIRST_SEED, Bench, Finding, Setting
+from experiments.conclusions import CONCLUSIONS, Conclusion
+from experiments.settings import FIRST_SEED, Bench, Setting
+from experiments.verdicts import Finding
 from qocjax._xla import request_whole_loop
 from qocjax.network import Edge
 
 _MOST = 3  # differences that are all shown
 
 
-def row(finding: Finding) -> str:
+def row(conclusion: Conclusion, finding: Finding) -> str:
     """A line of the table; of many differences the nearest to its bound."""
     shown = finding.parts if len(finding.parts) <= _MOST else [finding.deciding]
     text = ", ".join(part.text() for part in shown)
     if shown is not finding.parts:
         text = f"of {len(finding.parts)} the nearest to its bound: {text}"
     note = f"; {finding.note}" if finding.note else ""
-    return f"| {finding.conclusion.number} | {finding.conclusion.claim} | {text}{note} | {finding.verdict} |"
+    return f"| {conclusion.number} | {conclusion.claim} | {text}{note} | {finding.verdict} |"
 
 
 def main() -> None:
@@ -44,7 +46,7 @@ def main() -> None:
         bench = Bench(setting, seeds)
         print(f"\n**{title}**\n\n| | The paper observes | The simulation gives | |\n|---|---|---|---|")
         for conclusion in CONCLUSIONS:
-            print(row(conclusion.judge(bench)), flush=True)
+            print(row(conclusion, conclusion.judge(bench)), flush=True)
 
 
 if __name__ == "__main__":

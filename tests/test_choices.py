@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from experiments.choices import PACKAGED, RESULTS, packaged, with_flips
-from experiments.conclusions import CONCLUSIONS, Conclusion, Finding, Part, ratio
+from experiments.conclusions import CONCLUSIONS
+from experiments.verdicts import Finding, Part, ratio
 from qocjax import Design, Rules, Scenario, kth_5g_network, one_at_a_time, paper_network
 from qocjax.network import Edge, with_edge
 from qocjax.study.chunks import Problem
@@ -27,7 +28,7 @@ def part(mean: float, spread: float, *, above: bool = True) -> Part:
 
 
 def verdict(parts: Sequence[Part]) -> str:
-    return Finding(Conclusion("0", "claim", lambda bench: ([], "")), list(parts)).verdict
+    return Finding(list(parts)).verdict
 
 
 @pytest.mark.parametrize(
