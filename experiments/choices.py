@@ -1,6 +1,6 @@
 """Which of the paper's conclusions hang on a choice that the paper leaves open ([C] in the model): one at a time.
 
-    python experiments/choices.py [--seeds 128] [--out experiments/results]
+    python experiments/choices.py [--seeds 128] [--out experiments/results] [--redraw]
 
 Every conclusion (`conclusions.py`) is put to the test with every choice changed alone. Writes `choices.csv` (a row for
 each pair), `choices.png` (the matrix), `choices.md` (what flips), and, into the package, the flips that a study's page
@@ -83,6 +83,17 @@ def line(choice: tuple[str, str], conclusion: Conclusion, finding: Finding, seed
     }  # fmt: skip
 
 
+def simulated(seeds: int) -> pd.DataFrame:
+    """The table: each conclusion with each choice."""
+    request_whole_loop()
+    rows, begin = [], time.perf_counter()
+    for choice, setting in settings().items():
+        bench = Bench(setting, seeds)
+        rows += [line(choice, conclusion, conclusion.judge(bench), seeds) for conclusion in CONCLUSIONS]
+        print(f"{time.perf_counter() - begin:4.0f} s  {' = '.join(filter(None, choice))}", flush=True)
+    return with_flips(pd.DataFrame(rows))
+
+
 def with_flips(table: pd.DataFrame) -> pd.DataFrame:
     """Adds whether the verdict is the opposite of that with the defaults."""
     usual = table[table["choice"] == DEFAULT[0]].set_index("conclusion")["verdict"]
@@ -95,7 +106,7 @@ def with_flips(table: pd.DataFrame) -> pd.DataFrame:
 def packaged(table: pd.DataFrame) -> pd.DataFrame:
     """What flips, each with the verdict under the defaults."""
     usual = table[table["choice"] == DEFAULT[0]].set_index("conclusion")["verdict"]
-    found = table[table["flips"]].sort_values("conclusion", kind="stable").rename(columns={"choice": "option"})
+    found = table[table["flips"]].rename(columns={"choice": "option"})
     found.insert(0, "usual_verdict", found["conclusion"].map(usual))
     return found[
         ["conclusion", "claim", "sweep", "option", "value", "usual_verdict", "verdict", "difference", "estimate", "low",
@@ -103,18 +114,18 @@ def packaged(table: pd.DataFrame) -> pd.DataFrame:
     ]  # fmt: skip
 
 
-def number(row: Mapping, *, interval: bool = False) -> str:
-    """The difference that decides, in its unit."""
+def number(row: Mapping) -> str:
+    """The difference that decides, with its interval."""
     unit = UNITS[str(row["unit"])]
-    mean, low, high = (format(unit.scale * row[name], unit.form) for name in ("estimate", "low", "high"))
-    return f"{mean} [{low}, {high}] {unit.name}" if interval else mean
+    mean, low, high = (unit.text(row[name]) for name in ("estimate", "low", "high"))
+    return f"{mean} [{low}, {high}] {unit.name}"
 
 
 def in_cell(row: Mapping) -> str:
     """The same in few characters: percent, hundredths of QoC, centimetres."""
     value = 100 * row["estimate"]
-    text = f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.2g}" if abs(value) >= 1 else f"{value:.1f}"
-    return ("+" if value > 0 and row["unit"] != "share" else "") + text.replace("-", "−")
+    text = f"{value:+.0f}" if abs(value) >= 9.95 else f"{value:+.1f}"
+    return text.lstrip("+-") if row["unit"] == "share" or not float(text) else text.replace("-", "−")
 
 
 def draw(table: pd.DataFrame) -> Figure:
@@ -141,7 +152,9 @@ def draw(table: pd.DataFrame) -> Figure:
         axes.tick_params(length=0)
         for side in axes.spines.values():
             side.set_visible(False)
-        axes.axvline(0.5, color="black", lw=0.8)
+        for x in range(1, width):
+            if choices[x][0] != choices[x - 1][0]:
+                axes.axvline(x - 0.5, color="black" if x == 1 else "0.5", lw=0.8 if x == 1 else 0.5)
         keys = [Patch(facecolor=colour, label=name) for name, colour in COLOURS.items()]
         keys.append(Patch(facecolor="white", edgecolor="black", label="flips: not as with the defaults"))
         figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))
@@ -162,11 +175,14 @@ def page(table: pd.DataFrame) -> str:
     for row in table[table["flips"]].sort_values("conclusion", kind="stable").to_dict("records"):
         before = usual.loc[row["conclusion"]]
         lines.append(
-            f"| {row['conclusion']} {row['claim']} | {before['verdict']}: {number(before, interval=True)} | "
-            f"`{row['choice']}={row['value']}` | {row['verdict']}: {number(row, interval=True)} | {row['difference']} |"
+            f"| {row['conclusion']} {row['claim']} | {before['verdict']}: {number(before)} | "
+            f"`{row['choice']}={row['value']}` | {row['verdict']}: {number(row)} | {row['difference']} |"
         )
-    left = table[table["verdict"] == "undecided"].groupby("conclusion", sort=False)["value"].apply(", ".join)
-    rest = "; ".join(f"{name}: {values}" for name, values in left.items())
+    left = table[table["verdict"] == "undecided"].groupby("conclusion")
+    rest = "; ".join(
+        f"{name}: " + ", ".join(f"`{c}={v}`" for c, v in zip(each["choice"], each["value"], strict=True))
+        for name, each in left
+    )
     steady = [c for c in usual.index if not (table[table["conclusion"] == c]["verdict"] != usual["verdict"][c]).any()]
     return head + "\n".join(lines) + f"\n\nUndecided: {rest}.\n\nThe same whatever is chosen: {', '.join(steady)}.\n"
 
@@ -176,21 +192,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=128, help="to judge on; half as many others to choose on")
     parser.add_argument("--out", type=Path, default=RESULTS)
+    parser.add_argument("--redraw", action="store_true", help="page and figure from the table that is there")
     given = parser.parse_args()
     if given.seeds < 4:
         parser.error(f"--seeds: got {given.seeds}, expected at least 4")
-    request_whole_loop()
-    rows, begin = [], time.perf_counter()
-    for choice, setting in settings().items():
-        bench = Bench(setting, given.seeds)
-        rows += [line(choice, conclusion, conclusion.judge(bench), given.seeds) for conclusion in CONCLUSIONS]
-        print(f"{time.perf_counter() - begin:4.0f} s  {' = '.join(filter(None, choice))}", flush=True)
-    table = with_flips(pd.DataFrame(rows))
-    given.out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(given.out / "choices.csv", index=False, float_format="%.5g")
+    if given.redraw:
+        table = pd.read_csv(given.out / "choices.csv", dtype={"value": str}, keep_default_na=False)
+    else:
+        table = simulated(given.seeds)
+        given.out.mkdir(parents=True, exist_ok=True)
+        table.to_csv(given.out / "choices.csv", index=False, float_format="%.5g")
     (given.out / "choices.md").write_text(page(table), encoding="utf-8")
     draw(table).savefig(given.out / "choices.png", dpi=200)
     if given.out.resolve() == RESULTS:
+        PACKAGED.parent.mkdir(exist_ok=True)
         packaged(table).to_csv(PACKAGED, index=False, float_format="%.5g")
     print(page(table))
 

@@ -166,7 +166,7 @@ def apart(bench: Bench) -> Found:
 
 CONCLUSIONS = (
     Conclusion("1a", "AUC falls steeply between Δ = 100 and 200 ms", steep_fall),
-    Conclusion("1b", "An intermediate Δ is best: worst at 0, slowly worse after", intermediate),
+    Conclusion("1b", "An intermediate Δ is best", intermediate),
     Conclusion("2a", "Past enough reliability AUC hardly depends on τ", sampling, "tau"),
     Conclusion("2b", "AUC worsens with η, more so at high delay", repulsion, "eta"),
     Conclusion("3a", "Co-design beats MinDelay in each sweep", beaten("MinDelay")),

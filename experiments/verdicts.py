@@ -22,6 +22,11 @@ class Unit(NamedTuple):
     scale: float
     form: str
 
+    def text(self, value: float) -> str:
+        """A number in this unit, zero without a sign."""
+        text = format(self.scale * value, self.form)
+        return text if float(text) else text.lstrip("+-")
+
 
 UNITS = {
     "J*": Unit("% of J*", 100.0, "+.1f"),
@@ -68,7 +73,7 @@ class Part:
     def text(self) -> str:
         """What it came to, for a reader."""
         found, shown = self.interval(), UNITS[self.unit]
-        mean, low, high = (format(shown.scale * each, shown.form) for each in (found.mean, found.low, found.high))
+        mean, low, high = map(shown.text, (found.mean, found.low, found.high))
         return f"{self.what}: {mean} [{low}, {high}] {shown.name}"
 
 

@@ -32,7 +32,7 @@ from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
 from qocjax.study.chunks import Problem
 from qocjax.study.grid import Grid
-from qocjax.study.hanging import HANGING, hanging_texts
+from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
@@ -118,9 +118,8 @@ def study_capacity(study: Study, config: StudyConfig) -> str:
 
 
 def hanging_text(study: Study, config: StudyConfig) -> str:
-    """The conclusions of the paper that hang on a choice of the configuration, a line each; nothing where none does."""
-    texts = hanging_texts(config.build_problem(), list(dict.fromkeys(study.results["sweep"])))
-    return "\n".join([f"{HANGING}:", *(f"  {text}" for text in texts)]) if texts else ""
+    """The conclusions of the paper that hang on a choice of the configuration; nothing where none is known to."""
+    return hanging_of(config.build_problem(), list(dict.fromkeys(study.results["sweep"]))).text
 
 
 def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
@@ -231,7 +230,7 @@ def main(cfg: DictConfig) -> None:
     print(f"\n{study_capacity(study, config)}")
     print(f"QoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
     if text := hanging_text(study, config):
-        print(f"\n{text}\n")
+        print(text)
     print(f"Tables, figures and the record are in {folder}")
     if study.failures:
         causes = "; ".join(sorted(set(study.failures.values())))

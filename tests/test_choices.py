@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,8 +15,11 @@ from experiments.conclusions import CONCLUSIONS
 from experiments.verdicts import Finding, Part, ratio
 from qocjax import Design, Rules, Scenario, kth_5g_network, one_at_a_time, paper_network
 from qocjax.network import Edge, with_edge
+from qocjax.report import study_page, write_study_report
+from qocjax.report.html import escape
 from qocjax.study.chunks import Problem
-from qocjax.study.hanging import departures, hanging_texts
+from qocjax.study.hanging import departures, hanging_of
+from qocjax.study.sweep import study_of
 
 GRID = one_at_a_time(Design(), {"v_max": [0.4, 0.7], "kappa": [1.0, 2.0]}, [0.1, 0.8])
 PROBLEM = Problem(Scenario(), GRID.designs, paper_network(), Rules(), 0)
@@ -78,16 +82,20 @@ def test_packaged_numbers_are_those_of_the_experiment() -> None:
 
 
 def test_the_default_study_names_what_its_actuation_decides() -> None:
-    texts = "\n".join(hanging_texts(PROBLEM, SWEEPS))
-    assert "Co-design beats MaxRel in each sweep” rests on commands being held until t_p + Δ" in texts
-    assert "loop.actuation=arrival" in texts and "loop.actuation=instant" in texts
-    assert "c_miss" not in texts  # not swept
+    found = hanging_of(PROBLEM, SWEEPS)
+    part = found.text.split("on commands being held until t_p + Δ (loop.actuation) ")[1].split(";")[0]
+    assert "“Co-design beats MaxRel in each sweep”" in part
+    choices = {choice for claim, choice, _ in found.numbers if claim == "Co-design beats MaxRel in each sweep"}
+    assert choices == {"loop.actuation=arrival", "loop.actuation=instant"}
+    swept = hanging_of(PROBLEM, [*SWEEPS, "gamma"])
+    assert [any("γ" in claim for claim, _, _ in each.numbers) for each in (found, swept)] == [False, True]
 
 
 def test_a_study_with_one_choice_changed_is_told_what_does_not_hold_there() -> None:
-    texts = hanging_texts(replace(PROBLEM, rules=Rules(actuation="arrival")), SWEEPS)
-    assert any("Co-design beats MaxRel in each sweep” does not hold with loop.actuation=arrival" in t for t in texts)
-    assert all("rests on" not in text for text in texts)
+    found = hanging_of(replace(PROBLEM, rules=Rules(actuation="arrival")), SWEEPS)
+    assert found.text.startswith("With loop.actuation=arrival, unlike with the default, ")
+    assert "“Co-design beats MaxRel in each sweep” does not hold" in found.text
+    assert {choice for _, choice, _ in found.numbers} == {"loop.actuation=arrival"}
 
 
 @pytest.mark.parametrize(
@@ -122,5 +130,15 @@ def test_departures_of_the_baseline(baseline: dict, expected: list[tuple[str, st
 
 
 def test_nothing_is_said_of_what_was_not_examined() -> None:
-    assert hanging_texts(replace(PROBLEM, network=paper_network(0.1)), SWEEPS) == []
-    assert hanging_texts(replace(PROBLEM, rules=Rules("instant", "zero")), SWEEPS) == []
+    for changes in ({"network": paper_network(0.1)}, {"rules": Rules("instant", "zero")}):
+        assert hanging_of(replace(PROBLEM, **changes), SWEEPS) == ("", ())
+
+
+def test_the_page_of_a_study_says_so(tmp_path: Path) -> None:
+    page = study_page("small", study_of(PROBLEM, GRID, range(4), range(4, 8)), PROBLEM)
+    html = write_study_report(tmp_path / "report.html", page).read_text(encoding="utf-8")
+    found = hanging_of(PROBLEM, SWEEPS)
+    assert escape(found.text) in html and all(escape(number) in html for _, _, number in found.numbers)
+    other = replace(page, hanging=hanging_of(replace(PROBLEM, network=paper_network(0.1)), SWEEPS))
+    html = write_study_report(tmp_path / "other.html", other).read_text(encoding="utf-8")
+    assert "paper leaves open" not in html

@@ -21,7 +21,7 @@ from qocjax.report.policies import headline, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
-from qocjax.study.hanging import HANGING
+from qocjax.study.hanging import Hanging
 
 __all__ = ["StudyPage", "write_study_report"]
 
@@ -43,7 +43,7 @@ class StudyPage:
     seed: int | None = None  # of the replays
     hall: HallMap | None = None
     failures: Mapping[str, str] = field(default_factory=dict)  # why a part of the study has no results
-    hanging: Sequence[str] = ()  # conclusions of the paper that hang on a choice, in sentences
+    hanging: Hanging = Hanging()  # conclusions of the paper that hang on a choice
 
 
 def write_study_report(path: Path, page: StudyPage) -> Path:
@@ -128,12 +128,15 @@ def _policies(page: StudyPage) -> str:
     )
 
 
-def _hanging(texts: Sequence[str]) -> str:
-    """Which conclusions hang on a choice of the configuration."""
-    if not texts:
+def _hanging(hanging: Hanging) -> str:
+    """Which conclusions hang on a choice of the configuration, with the numbers on demand."""
+    if not hanging.text:
         return ""
-    lines = "".join(f"<li>{escape(text)}</li>" for text in texts)
-    return f"<details><summary>{escape(HANGING)}</summary><ul>{lines}</ul></details>"
+    numbers = "\n".join(
+        f"{claim}\n    not as with the default with {choice}: {number}" for claim, choice, number in hanging.numbers
+    )
+    heading = "The numbers: each choice changed alone, paired differences with 95 % intervals"
+    return f"<p>{escape(hanging.text)}</p>{details(heading, numbers)}"
 
 
 def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:

@@ -23,9 +23,7 @@ from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
 from qocjax.study.chunks import Problem
 
-__all__ = ["HANGING", "departures", "hanging_texts"]
-
-HANGING = "Conclusions of the paper that hang on a choice it leaves open (each choice changed alone; 95 % intervals)"
+__all__ = ["Hanging", "departures", "hanging_of"]
 
 # What a conclusion rests on where it flips with another choice.
 _RESTS_ON = {
@@ -34,19 +32,30 @@ _RESTS_ON = {
     "network.edge.discipline": "an edge that never lets a sample wait",
     "network": "uplink and downlink that take no time",
     "scenario": "one goal for all robots",
-    "scenario.reference.kind": "a reference whose κ and ν^max do not follow the design's",
+    "scenario.reference.kind": "a reference whose κ and ν^max stay fixed",
     "scenario.normaliser": "AUC being relative to the initial disagreement",
     "scenario.start_jitter": "starts that differ from seed to seed",
     "controller.d_safe": "d_safe = 0.5 m",
     "sweep.j_med": "J_med over all runs",
     "sweep.min_reliability": "the F that MinDelay asks for",
 }
-_UNITS = {"J*": (100.0, "+.1f", " % of the best AUC"), "QoC": (1.0, "+.4f", " QoC"), "m": (1.0, "+.3f", " m")}
+_UNITS = {
+    "J*": (100.0, "+.1f", " % of the baseline's best AUC"),
+    "QoC": (1.0, "+.4f", " QoC"),
+    "m": (1.0, "+.3f", " m"),
+}
 
 
 class _Choice(NamedTuple):
     option: str
     value: str
+
+
+class Hanging(NamedTuple):
+    """Conclusions that hang on a choice, right for one study; empty where nothing is known of it."""
+
+    text: str = ""  # a paragraph
+    numbers: tuple[tuple[str, str, str], ...] = ()  # conclusion, choice with which it flips, difference that decides
 
 
 @cache
@@ -55,44 +64,52 @@ def _table() -> pd.DataFrame:
         return pd.read_csv(path, dtype={"value": str})
 
 
-def hanging_texts(problem: Problem, sweeps: Sequence[str]) -> list[str]:
-    """A sentence for each conclusion that hangs on a choice, right for this study; none where nothing is known of it.
+def hanging_of(problem: Problem, sweeps: Sequence[str]) -> Hanging:
+    """What is known of a study: on the defaults, what flips with other choices; with one changed, what does there.
 
     Args:
         problem: What was simulated.
-        sweeps: The parameters that it swept.
+        sweeps: The parameters that it swept; conclusions on others are left out.
     """
     changed = departures(problem, sweeps)
     if changed is None or len(changed) > 1:
-        return []
+        return Hanging()
     table = _table()
     table = table[table["sweep"].isin(["any", *sweeps])]
-    if not changed:
-        held = table[table["usual_verdict"] == "holds"]
-        return [
-            f"“{claim}” rests on {_RESTS_ON[str(option)]}: {'; '.join(map(_instead, rows.to_dict('records')))}."
-            for (claim, option), rows in held.groupby(["claim", "option"], sort=False)
-        ]
-    here = table[(table["option"] == changed[0].option) & (table["value"] == changed[0].value)]
-    return [
-        f"“{row['claim']}” {_verb(row['verdict'])} with {row['option']}={row['value']} ({_number(row)}), though it "
-        f"{_verb(row['usual_verdict'])} with the default."
-        for row in here.to_dict("records")
-    ]
+    if changed:
+        choice = changed[0]
+        rows = table[(table["option"] == choice.option) & (table["value"] == choice.value)]
+        text = f"With {choice.option}={choice.value}, unlike with the default, {_verdicts(rows)}."
+    else:
+        rows = table[table["usual_verdict"] == "holds"]
+        text = _rests(rows[rows["sweep"] == "any"], rows.loc[rows["sweep"] != "any", "claim"].nunique())
+    numbers = [(row["claim"], f"{row['option']}={row['value']}", _number(row)) for row in rows.to_dict("records")]
+    return Hanging(text, tuple(numbers)) if numbers else Hanging()
 
 
-def _verb(verdict: str) -> str:
-    return "holds" if verdict == "holds" else "does not hold"
+def _rests(rows: pd.DataFrame, others: int) -> str:
+    """What the conclusions on deadlines and policies rest on; those on single parameters are counted."""
+    parts = []
+    for option, part in rows.groupby("option", sort=False):
+        claims = [f"“{claim}”" for claim in dict.fromkeys(part["claim"])]
+        verb = "rests" if len(claims) == 1 else "rest"
+        parts.append(f"on {_RESTS_ON[str(option)]} ({option}) {verb} {' and '.join(claims)}")
+    more = f" {others} conclusions on single parameters hang on such choices too." if others > 1 else ""
+    return f"What the paper leaves open decides some conclusions: {'; '.join(parts)}.{more}"
 
 
-def _instead(row: dict) -> str:
-    return f"not so with {row['option']}={row['value']} ({_number(row)})"
+def _verdicts(rows: pd.DataFrame) -> str:
+    return ", ".join(f"“{row['claim']}” {row['verdict']}" for row in rows.to_dict("records"))
 
 
 def _number(row: dict) -> str:
     scale, form, unit = _UNITS.get(row["unit"], (100.0, ".1f", " %"))
-    mean, low, high = (format(scale * row[name], form).replace("-", "−") for name in ("estimate", "low", "high"))
+    mean, low, high = (_signed(format(scale * row[name], form)) for name in ("estimate", "low", "high"))
     return f"{row['difference']}: {mean} [{low}, {high}]{unit}"
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "−") if float(text) else text.lstrip("+-")
 
 
 def departures(problem: Problem, sweeps: Sequence[str]) -> list[_Choice] | None:
