@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -132,11 +133,11 @@ def _hanging(hanging: Hanging) -> str:
     """Which conclusions hang on a choice of the configuration, with the numbers on demand."""
     if not hanging.text:
         return ""
-    numbers = "\n".join(
-        f"{claim}\n    not as with the default with {choice}: {number}" for claim, choice, number in hanging.numbers
-    )
-    heading = "The numbers: each choice changed alone, paired differences with 95 % intervals"
-    return f"<p>{escape(hanging.text)}</p>{details(heading, numbers)}"
+    lines = []
+    for choice, each in groupby(hanging.numbers, key=lambda line: line[1]):
+        lines += [f"Not as with the default with {choice}:", *(f"  {claim}. {number}" for claim, _, number in each)]
+    numbers = details("The numbers: each choice changed alone, differences with 95 % intervals", "\n".join(lines))
+    return f"<p>{escape(hanging.text)}</p>{numbers}"
 
 
 def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:

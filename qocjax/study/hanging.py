@@ -90,10 +90,9 @@ def hanging_of(problem: Problem, sweeps: Sequence[str]) -> Hanging:
 def _rests(rows: pd.DataFrame, others: int) -> str:
     """What the conclusions on deadlines and policies rest on; those on single parameters are counted."""
     parts = []
-    for option, part in rows.groupby("option", sort=False):
-        claims = [f"“{claim}”" for claim in dict.fromkeys(part["claim"])]
-        verb = "rests" if len(claims) == 1 else "rest"
-        parts.append(f"on {_RESTS_ON[str(option)]} ({option}) {verb} {' and '.join(claims)}")
+    for claim, part in rows.groupby("claim", sort=False):
+        options = [f"on {_RESTS_ON[option]} ({option})" for option in dict.fromkeys(part["option"])]
+        parts.append(f"“{claim}” rests {', '.join(options)}")
     more = f" {others} conclusions on single parameters hang on such choices too." if others > 1 else ""
     return f"What the paper leaves open decides some conclusions: {'; '.join(parts)}.{more}"
 
