@@ -4,7 +4,7 @@
 
 Every conclusion (`conclusions.py`) is put to the test with every choice changed alone. Writes `choices.csv` (a row for
 each pair), `choices.png` (the matrix), `choices.md` (what flips), and, into the package, the flips that a study's page
-and terminal name. About 4 minutes on two cores.
+and terminal name. About 4 minutes of processor time.
 """
 
 from __future__ import annotations
