@@ -3,8 +3,8 @@
     python experiments/advise_all.py [name ...]
 
 Keeps each advice.yaml and a summary in experiments/results/advice. Every run compares with the default gains and a
-deadline of 300 ms, at tau = 10 ms, the same for all (faster than the traces were measured, which is
-allowed here). About 25 s of computing for each.
+deadline of 300 ms; a trace is replayed with the period that it was measured with, the others at tau = 10 ms. About
+25 s of computing for each.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EDGEDROID = {"edgedroid_near": "1Client_Benchmark", "edgedroid_far": "1Client_10
 def trace(path: Path, column: str, unit: str, period: float, *more: str) -> list[str]:
     """Options for a trace; quotes, as Hydra reads parentheses in a value."""
     named = [f"network.path='{path}'", f"network.column='{column}'", f"network.unit={unit}", f"network.period={period}"]
-    return ["network=trace", "network.faster_than_measured=true", *named, *more]
+    return ["network=trace", f"loop.tau={period}", *named, *more]
 
 
 def edgedroid(folder: str, work: Path) -> list[str]:

@@ -112,7 +112,7 @@ def _problem(config: CodesignConfig) -> Problem:
     space, measure, limits, traffic = (
         config.build_space(), config.build_measure(), config.limits.build(), config.traffic.build()
     )  # fmt: skip
-    config.check_rate(network, min(space.tau))
+    config.check_rate(network, min(*space.tau, *np.asarray(config.build_grid().designs.tau)))
     scale = config.scale()
     if scale is None:
         seeds = range(FIRST["pilot"], FIRST["pilot"] + config.sweep.seeds)

@@ -148,8 +148,11 @@ def _simulate(config: FleetConfig, runner: _Runner) -> tuple[FleetStudy, Runs]:
     scale = config.scale() or found[0][1].scale
     found += runner.fleets(tasks[1:], scale)
     points, runs = [each[0] for each in found], {each[0].robots: each[1:] for each in found}
-    _warn(runs, options.deadline_ms[-1] / 1e3)
-    asked = Asked(options.target or options.target_share * float(points[0].scores.mean()), options.max_collision_share)
+    _warn(runs, max(options.deadline_ms) / 1e3)
+    asked = Asked(
+        options.target if options.target is not None else options.target_share * float(points[0].scores.mean()),
+        options.max_collision_share,
+    )
     largest, limit = find_limit(points, asked)
     cells = {given: _map(runner, scale, options.map.robots, given, *axis) for given, axis in config.axes().items()}
     study = FleetStudy(
@@ -185,9 +188,9 @@ def _completion(runs: Runs) -> pd.DataFrame:
     rows = []
     for robots, (study, problem) in runs.items():
         tau = float(study.results["tau"].iloc[0])
-        axis = np.linspace(0.0, float(study.results["deadline"].max()), 161)
-        if getattr(problem.network, "uses_deadline", False):
-            axis = np.unique(study.results["deadline"])
+        axis = np.unique(study.results["deadline"])
+        if not getattr(problem.network, "uses_deadline", False):
+            axis = np.union1d(axis, np.linspace(0.0, axis[-1], 161))
         share, error = reliability_of(problem.network, problem.scenario, axis, tau)
         rows.append(pd.DataFrame({"robots": robots, "deadline": axis, "reliability": share, "reliability_se": error}))
     return pd.concat(rows, ignore_index=True)

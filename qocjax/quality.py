@@ -24,10 +24,12 @@ class QocScale:
 
     median: float  # J_med, s
     largest: float  # J_max, s
+    median_se: float = 0.0  # s, standard error of J_med where it was estimated; 0 where it is given
 
     def __post_init__(self) -> None:
         _checks.bounded("J_med", self.median, above=0)
         _checks.bounded("J_max", self.largest, least=0)
+        _checks.bounded("J_med's error", self.median_se, least=0)
 
     @classmethod
     def of(cls, auc: ArrayLike) -> QocScale:

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from qocjax._command import command, output_dir, resumed
 from qocjax.config import StudyConfig, load
+from qocjax.config.scale import yardstick
 from qocjax.config.study import FREE, data_of
 from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
@@ -35,6 +36,7 @@ from qocjax.study.grid import Grid
 from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.replays import policy_runs
+from qocjax.study.scales import scale_text
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
 
@@ -102,7 +104,8 @@ def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFo
     with bar, config.engine.open(_note) as engine:
         return study_of(
             problem, grid, selection, evaluation,
-            min_reliability=config.sweep.min_reliability, scale=config.scale(), shelf=chunks, engine=engine,
+            min_reliability=config.sweep.min_reliability, scale=config.scale(),
+            j_max_of=config.sweep.j_max_of, shelf=chunks, engine=engine,
             chunk_steps=config.chunk_steps, progress=lambda steps: bar.update(min(steps, bar.total - bar.n)),
         )  # fmt: skip
 
@@ -196,7 +199,9 @@ def _write_tables(study: Study, folder: Path) -> dict[str, str]:
 def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: dict[str, str], folder: Path) -> None:
     selection, evaluation = config.seeds()
     record = {
+        "yardstick": yardstick(problem.scenario),
         "j_med": study.scale.median,
+        "j_med_se": study.scale.median_se,
         "j_max": study.scale.largest,
         "seeds": {"selection": [selection.start, selection.stop], "evaluation": [evaluation.start, evaluation.stop]},
         "key": config.key,
@@ -228,7 +233,7 @@ def main(cfg: DictConfig) -> None:
         print(f"\n{text}")
     scale = study.scale
     print(f"\n{study_capacity(study, config)}")
-    print(f"QoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s of this study.")
+    print(scale_text(scale, "given" if config.scale() else "of this study"))
     if text := hanging_text(study, config):
         print(text)
     print(f"Tables, figures and the record are in {folder}")

@@ -33,6 +33,7 @@ from qocjax.store.study_folder import ChunkFolder, study_folder
 from qocjax.study.chunks import Chunk, Failure, Part, Problem, Result, compute, plan
 from qocjax.study.engine import LocalEngine
 from qocjax.study.order import scale_of
+from qocjax.study.scales import scale_of_runs
 from qocjax.study.sweep import study_of
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=2.0)
@@ -131,7 +132,7 @@ def test_parts_of_an_evaluation_that_are_none_are_refused() -> None:
 def test_what_is_kept_in_memory_is_what_was_computed(undisturbed: Study) -> None:
     whole = evaluate(SCENARIO, GRID.designs, paper_network(), SEEDS, key=3)
     xr.testing.assert_identical(undisturbed.runs, whole)
-    assert undisturbed.scale == QocScale.of(whole["auc"].values)
+    assert undisturbed.scale == scale_of_runs(whole["auc"].values, SCENARIO)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

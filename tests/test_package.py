@@ -24,6 +24,7 @@ from omegaconf import OmegaConf
 
 import qocjax
 from qocjax.config import SimulationConfig, StudyConfig, conf_dir, load
+from qocjax.config.fleet import FleetConfig
 from qocjax.config.ingest import IngestConfig
 
 ROOT = Path(__file__).parents[1]
@@ -331,11 +332,16 @@ def composer() -> Iterator[None]:
         yield
 
 
-def composed(command: str, options: list[str]) -> SimulationConfig | IngestConfig:
+def composed(command: str, options: list[str]) -> SimulationConfig | FleetConfig | IngestConfig:
     """A configuration, checked against what the command's `run` takes."""
     module = importlib.import_module(f"qocjax.{command}")
     schema = get_type_hints(module.run)["config"]
     return load(schema, compose(command, getattr(module, "as_options", list)(options)))
+
+
+def build(config: FleetConfig | IngestConfig) -> None:
+    """All that such a configuration says, short of running it."""
+    config.check() if isinstance(config, FleetConfig) else config.build()
 
 
 @pytest.mark.parametrize("choice", CHOICES)
@@ -350,7 +356,7 @@ def test_every_choice_composes(choice: str, composer: None) -> None:
     others = [f"network={network}"] if network else []
     config = composed(command, [*others, f"{place}={name}", *SAMPLES.get(choice, [])])
     if not isinstance(config, SimulationConfig):
-        config.build()
+        build(config)
         return
     config.build_scenario()
     config.loop.build()
@@ -369,7 +375,7 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         ours = [option for option in jobs if not option.startswith(("hydra/", "hydra.launcher"))]  # of a plugin
         given = [option for option in ours if option not in flags]
         config = composed(command, given or NEEDED.get(command, []))
-        config.baseline() if isinstance(config, SimulationConfig) else config.build()
+        config.baseline() if isinstance(config, SimulationConfig) else build(config)
 
 
 def test_code_of_the_readme_runs(environment: dict[str, str], tmp_path: Path) -> None:

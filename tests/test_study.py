@@ -11,6 +11,7 @@ from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, Study, evaluate, one_at_a_time, paper_network, qoc, run_study
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
+from qocjax.study.scales import standing_still
 from qocjax.study.sweep import qoc_by_seed, results_table
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
@@ -93,7 +94,8 @@ def test_results_are_the_means_over_robots_then_seeds(study: Study, grid: Grid) 
     assert len(results) == len(grid.sweep) and not results.isna().any(axis=None)
     assert runs["seed"].values.tolist() == list(SELECTION)
     auc = runs["auc"].values.astype(float)
-    assert study.scale == QocScale(float(np.median(auc)), float(auc.max()))
+    assert (study.scale.median, study.scale.largest) == (np.median(auc), standing_still(SCENARIO))
+    assert 0.0 < study.scale.median_se < 0.2 * study.scale.median
     by_seed = qoc(auc, study.scale).mean(axis=2)
     np.testing.assert_allclose(results["qoc"], by_seed.mean(axis=1)[grid.design])
     np.testing.assert_allclose(results["qoc_se"], stats.sem(by_seed, axis=1)[grid.design])

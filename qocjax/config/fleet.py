@@ -10,14 +10,16 @@ from pydantic import Field
 from qocjax import _checks
 from qocjax.config.cell import CellConfig
 from qocjax.config.controller import ControllerConfig
+from qocjax.config.delay import EdgeConfig
 from qocjax.config.engine import EngineConfig
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
-from qocjax.config.simulation import LoopConfig, RobotConfig
+from qocjax.config.simulation import LoopConfig, ReferenceConfig, RobotConfig, ScenarioConfig
 from qocjax.config.study import FREE, StudyConfig
 from qocjax.network.demand import BANDWIDTH_PARTS
 from qocjax.quality import QocScale
 from qocjax.study.fleet.layout import Layout
+from qocjax.study.fleet.limits import Asked
 from qocjax.study.fleet.point import BEST
 
 __all__ = ["FleetConfig"]
@@ -82,27 +84,42 @@ class FleetConfig(Part):
     usual_discipline: ClassVar[str] = "skip"
 
     def check(self) -> None:
-        """Checks what no single study shows.
+        """Checks all that is asked before anything is simulated.
 
         Raises:
-            ValueError: Fleets that do not ascend, a network that says nothing of more robots, or a bad target.
+            ValueError: Fleets that do not ascend, a network that says nothing of more robots, a bad target, or what
+                some study of some fleet would refuse.
         """
         if self.controller.law != "apf":
             raise ValueError(f"controller: got {self.controller.law}, expected apf: fleets drive on open floor")
         if self.network.kind == "trace":
             raise ValueError("network: got a trace, which says nothing of robots that it did not contain, expected a "
                              "network that is shared: cell, or loop, kth_5g, dds or paper with an edge")  # fmt: skip
-        for name, values in (("robots", self.fleet.robots), ("map.robots", self.fleet.map.robots),
-                             ("map.prbs", self.fleet.map.prbs), ("map.workers", self.fleet.map.workers)):  # fmt: skip
+        self._check_counts()
+        self._check_asked()
+        if BEST in self.fleet.grids:
+            raise ValueError(f"fleet.grids: got {BEST}, expected other parameters: each fleet has one sampling period")
+        last = [{option: amounts[-1]} for option, amounts in self.axes().values()]
+        for changes in ({}, *last, *(self.steps().values() if self.fleet.steps else ())):
+            study = self.study(self.fleet.robots[0], self.scale(), changes, self.fleet.grids)
+            study.build_network(), study.build_scenario(), study.build_grid(), study.loop.build()
+
+    def _check_counts(self) -> None:
+        options = self.fleet
+        for name, values in (("robots", options.robots), ("map.robots", options.map.robots),
+                             ("map.prbs", options.map.prbs), ("map.workers", options.map.workers)):  # fmt: skip
             for value in values:
                 _checks.count(f"fleet.{name}", value)
             if sorted(set(values)) != values or (name == "robots" and not values):
                 raise ValueError(f"fleet.{name}: got {values}, expected whole numbers that ascend")
-        _checks.bounded("fleet.target_share", self.fleet.target_share, above=0.0, most=1.0)
-        if self.fleet.map.prbs and isinstance(self.network, CellConfig):
-            self.study(1, None, {"network.prbs": self.fleet.map.prbs[-1]}).build_network()
-        if BEST in self.fleet.grids:
-            raise ValueError(f"fleet.grids: got {BEST}, expected other parameters: each fleet has one sampling period")
+        for name in ("seeds", "evaluation_seeds"):
+            _checks.count(f"fleet.{name}", getattr(options, name), least=2)
+
+    def _check_asked(self) -> None:
+        options = self.fleet
+        Asked(1.0 if options.target is None else options.target, options.max_collision_share)
+        _checks.bounded("fleet.target_share", options.target_share, above=0.0, most=1.0)
+        _checks.bounded("fleet.min_reliability", options.min_reliability, least=0.0, most=1.0)
 
     def scale(self) -> QocScale | None:
         """J_med and J_max where both are given.
@@ -119,8 +136,8 @@ class FleetConfig(Part):
         """What the maps give to fleets: the option that says how much, and its values."""
         options = self.fleet.map
         found = {"prbs": ("network.prbs", options.prbs if isinstance(self.network, CellConfig) else []),
-                 "workers": ("network.edge.workers", options.workers)}  # fmt: skip
-        return {given: axis for given, axis in found.items() if axis[1]}
+                 "workers": ("network.edge.workers", options.workers if self._edge() else [])}  # fmt: skip
+        return {given: axis for given, axis in found.items() if axis[1] and options.robots}
 
     def identity(self) -> dict[str, Any]:
         """The options that results depend on."""
@@ -139,23 +156,28 @@ class FleetConfig(Part):
         options, raw = self.fleet, self.model_dump()
         for name, value in {**self._discipline(), **(changes or {})}.items():
             _put(raw, name.split("."), value)
-        start, goal = options.layout.build().place(num_robots)
         return StudyConfig.model_validate({
             **{name: raw[name] for name in ("robot", "controller", "loop", "network", "key", "engine", "chunk_steps")},
-            "scenario": {
-                "start": start.tolist(), "goal": goal.tolist(), "horizon": options.horizon,
-                "reference": {"kind": "nominal", "kappa": raw["controller"]["kappa"], "v_max": raw["robot"]["v_max"],
-                              "per_robot": True},
-                "normaliser": "goal_distance", "weights": [1.0, 1.0], "start_jitter": options.start_jitter, "map": None,
-            },
+            "scenario": self._scenario(num_robots).model_dump(),
             "sweep": {
                 "grids": {BEST: [raw["loop"]["tau"]], **(grids or {})}, "deadline_ms": options.deadline_ms,
                 "seeds": options.seeds, "evaluation_seeds": options.evaluation_seeds,
                 "min_reliability": options.min_reliability,
                 "j_med": None if scale is None else scale.median, "j_max": None if scale is None else scale.largest,
+                "j_max_of": "still", "scale": None,
             },
             "figures": False, "report": False, "arrays": False, "resume": None,
         })  # fmt: skip
+
+    def _scenario(self, num_robots: int) -> ScenarioConfig:
+        """A fleet on open floor; the yardstick of each robot is its own way at the gains as given."""
+        start, goal = self.fleet.layout.build().place(num_robots)
+        yardstick = ReferenceConfig(kind="nominal", kappa=self.controller.kappa, v_max=self.robot.v_max, per_robot=True)
+        return ScenarioConfig(
+            start=start.tolist(), goal=goal.tolist(), horizon=self.fleet.horizon, reference=yardstick,
+            normaliser="goal_distance", weights=[1.0, 1.0], start_jitter=self.fleet.start_jitter, map=None,
+            map_release="jazzy",
+        )  # fmt: skip
 
     def steps(self) -> dict[str, dict[str, Any]]:
         """Changes of one step each, by what a reader calls them."""
@@ -163,7 +185,7 @@ class FleetConfig(Part):
         found: dict[str, dict[str, Any]] = {
             f"τ {2e3 * tau:g} ms": {"loop.tau": 2.0 * tau}, f"τ {5e2 * tau:g} ms": {"loop.tau": 0.5 * tau}
         }  # fmt: skip
-        edge = getattr(network, "edge", None)
+        edge = self._edge()
         if edge is not None:
             found[f"{edge.workers + 1} workers"] = {"network.edge.workers": edge.workers + 1}
             other = "latest" if (edge.discipline or self.usual_discipline) != "latest" else "skip"
@@ -176,6 +198,11 @@ class FleetConfig(Part):
                 "network.stagger": not network.stagger
             }
         return found
+
+    def _edge(self) -> EdgeConfig | None:
+        """The edge, where it has a limit."""
+        edge = getattr(self.network, "edge", None)
+        return None if edge is None or edge.discipline == "unlimited" else edge
 
     def _discipline(self) -> dict[str, Any]:
         """The edge's discipline, where it is left open."""

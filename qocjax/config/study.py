@@ -9,6 +9,7 @@ from pydantic import Field
 
 from qocjax.config.engine import EngineConfig
 from qocjax.config.part import Part
+from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.quality import QocScale
 from qocjax.store.identity import content_digest
@@ -31,6 +32,8 @@ class SweepConfig(Part):
     min_reliability: float
     j_med: float | None
     j_max: float | None
+    j_max_of: str
+    scale: str | None
 
 
 class SweptConfig(SimulationConfig):
@@ -52,15 +55,12 @@ class SweptConfig(SimulationConfig):
         return range(first), range(first, first + self.sweep.evaluation_seeds)
 
     def scale(self) -> QocScale | None:
-        """J_med and J_max where both are given.
+        """J_med and J_max where they are given, or named by an earlier study; None for those of the study itself.
 
         Raises:
-            ValueError: Only one is.
+            ValueError: Only one is given, or the file holds no scale of this yardstick.
         """
-        given = (self.sweep.j_med, self.sweep.j_max)
-        if (given[0] is None) != (given[1] is None):
-            raise ValueError(f"sweep.j_med, sweep.j_max: got {given[0]} and {given[1]}, expected both or neither")
-        return None if given[0] is None or given[1] is None else QocScale(given[0], given[1])
+        return given_scale("sweep", self.sweep.j_med, self.sweep.j_max, self.sweep.scale, self.build_scenario())
 
 
 class StudyConfig(SweptConfig):

@@ -26,7 +26,9 @@ _USES = {"uplink_usage": ("uplink", OKABE_ITO[0], "o"), "edge_usage": ("edge", O
 _PREFIXES = {"Co-design": "co_design", "MinDelay": "mindelay", "MaxRel": "maxrel"}
 _LINES = {"Co-design": "#0072B2", "MinDelay": "#E69F00", "MaxRel": "#009E73"}  # darker than the bars: lines are thin
 _BARS: dict[str, Any] = {"capsize": 1.6, "elinewidth": 0.7, "capthick": 0.7}
-_BESIDE = 0.03  # of the axis, from one policy's points to the next: intervals must not hide one another
+# From one policy's points to the next, of the distance between fleets but at most of the axis: intervals must not hide
+# one another.
+_BESIDE, _MOST = 0.2, 0.02
 
 
 def draw_fleet(study: FleetStudy, folder: Path) -> list[Path]:
@@ -82,10 +84,11 @@ def _draw_scores(axes: Axes, points: pd.DataFrame, target: float) -> None:
     robots = points["robots"].to_numpy(float)
     axes.axhline(target, color=GREY, ls="--", lw=0.8, zorder=1, label="target")
     _with_interval(axes, robots, points, "qoc", color="k", marker="D", ms=3, mfc="w", lw=1.0, label="gains as given")
-    spread = np.log(max(robots[-1] / robots[0], 4.0))
-    for place, (policy, prefix) in enumerate(_PREFIXES.items(), start=1):
+    axis = np.log(max(robots[-1] / robots[0], 2.0))
+    step = min(_MOST * axis, _BESIDE * float(np.min(np.diff(np.log(robots)), initial=axis)))
+    for place, (policy, prefix) in zip((-1, 1, 2), _PREFIXES.items(), strict=True):
         if f"{prefix}_qoc" in points:
-            beside = robots * np.exp(_BESIDE * spread * (place - 2) + 0.5 * _BESIDE * spread * (place == 2))
+            beside = robots * np.exp(step * place)
             _with_interval(axes, beside, points, f"{prefix}_qoc", color=_LINES[policy], label=policy, lw=0.7, ls=":",
                            marker=POLICIES[policy].marker, ms=3 if policy != "Co-design" else 5)  # fmt: skip
     axes.set_ylabel("QoC")

@@ -50,7 +50,8 @@ def completion_figure(
         axes.set_ylabel(RELIABILITY_LABEL)
         axes.set_xlim(0.0, _end(completion, points))
         axes.set_ylim(0.0, 1.05 * max(float(completion["reliability"].max()), 0.05))
-        figure.legend(loc="outside upper center", ncols=min(len(fleets), 7), title="Robots; stars: the best deadline",
+        columns = -(-len(fleets) // -(-len(fleets) // 7))  # rows of equal length, of 7 at most
+        figure.legend(loc="outside upper center", ncols=columns, title="Robots; stars: the best deadline",
                       columnspacing=0.9, handlelength=1.2)  # fmt: skip
     return figure
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,35 +14,29 @@ from omegaconf import OmegaConf
 from qocjax.config.fleet import FleetConfig
 from qocjax.report.charts import legend_item, series_style
 from qocjax.report.fleet_charts import (
-    GIVEN,
     LINES,
     USES,
     completion_chart,
     completion_legend,
-    map_chart,
     qoc_chart,
-    steps_chart,
     style,
     uses_chart,
 )
+from qocjax.report.fleet_maps import GIVEN, map_chart, steps_chart
+from qocjax.report.fleet_replay import REPLAYED, fleet_replays
 from qocjax.report.html import escape, interval, number, percent, plus_minus
 from qocjax.report.page import Section, details, facts, render, write
 from qocjax.report.parts import chart_place
-from qocjax.report.replay import Replay, replay_data
+from qocjax.report.replay import replay_data
 from qocjax.report.stages import replay_html
-from qocjax.simulate import Run
 from qocjax.store import provenance
 from qocjax.study.capacity import at_once_text
 from qocjax.study.chunks import Problem
-from qocjax.study.fleet.point import BEST
 from qocjax.study.fleet.tables import FleetStudy, answers
 from qocjax.study.reliability import load_of, share_text
-from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import Study
 
 __all__ = ["write_fleet_report"]
-
-_MOST = 64  # robots of a fleet that is replayed: more cannot be told apart
 
 
 def write_fleet_report(
@@ -65,13 +58,13 @@ def write_fleet_report(
         charts["uses"] = uses_chart(study)
     charts |= {f"map-{given}": map_chart(study, given) for given in study.maps}
     charts |= {} if study.steps.empty else {"steps": steps_chart(study.steps)}
-    replays = _replays(_shown(list(runs), study.largest), runs)
+    replays = fleet_replays(runs, study.largest)
     sections = [
         Section("fleets", "Fleets", _fleets(study)),
         *([Section("needs", "Needs", _needs(study))] if study.maps else []),
         Section("loops", "Loop times", _loops(study)),
         *([] if study.steps.empty else [Section("steps", "Steps", _steps(study.steps))]),
-        *([Section("replay", "Replay", _watch(replays))] if replays else []),
+        *([Section("replay", "Replay", replay_html(replays, REPLAYED, "Fleet"))] if replays else []),
         Section("setup", "Set-up", _setup(config)),
     ]
     data = {"charts": charts} | ({"replay": replay_data(replays)} if replays else {})
@@ -195,54 +188,6 @@ def _steps(steps: pd.DataFrame) -> str:
         f"{len(steps)} flatters itself a little. Grey: not told apart from no gain.</p>"
         f"{chart_place('steps', 'Gain of one step')}"
     )
-
-
-def _shown(fleets: Sequence[int], largest: int | None) -> list[int]:
-    """Fleets to watch: a small one, one between, the largest that keeps what is asked, the first that does not."""
-    some = [n for n in fleets if n <= _MOST]
-    if not some:
-        return []
-    small = next((n for n in some if n >= 2), some[-1])
-    last = max((n for n in some if n <= (largest or 0)), default=some[-1])
-    between = min(some, key=lambda n: abs(np.log(n * n / (small * last))))
-    following = [n for n in some if n > (largest or 0)][:1]
-    return sorted({small, between, last, *following})
-
-
-def _replays(fleets: Sequence[int], runs: Mapping[int, tuple[Study, Problem]]) -> list[Replay]:
-    """A run of each fleet with the gains as given, at the best deadline; seeds whose AUC is the median."""
-    found = []
-    for robots in fleets:
-        study, problem = runs[robots]
-        rows = study.policies[(study.policies["sweep"] == BEST) & (study.policies["policy"] == "Co-design")]
-        for each in policy_runs(
-            replace(study, policies=rows), problem.scenario, problem.network, rules=problem.rules, key=problem.key,
-            controller=problem.controller,
-        ):  # fmt: skip
-            name = f"{robots} robot{'s' * (robots > 1)}"
-            found.append(Replay(each.sweep, name, each.value, float(np.asarray(each.design.deadline)), each.reliability,
-                                float(np.asarray(each.design.tau)), _lying(each.run), name))  # fmt: skip
-    return found
-
-
-def _lying(run: Run) -> Run:
-    """The run seen from the side where the floor is wider than high; screens are."""
-    wide, high = np.ptp(np.concatenate([run.pose[0, :, :2], np.reshape(run.goal, (-1, 2))]), axis=0)
-    if high <= wide:
-        return run
-    pose, reference, goal = (np.asarray(part, float) for part in (run.pose, run.reference, run.goal))
-    turned = np.concatenate([_turned(pose[..., :2]), pose[..., 2:] - 0.5 * np.pi], axis=-1)
-    return replace(run, pose=turned, reference=_turned(reference), goal=_turned(goal))  # type: ignore[arg-type]
-
-
-def _turned(places: np.ndarray) -> np.ndarray:
-    return np.stack([places[..., 1], -places[..., 0]], axis=-1)
-
-
-def _watch(replays: Sequence[Replay]) -> str:
-    text = ("Fleets at their best deadline with the gains as given, each on the seed whose AUC is the median. A floor "
-            "that is higher than wide is shown lying.")  # fmt: skip
-    return replay_html(replays, text, "Fleet")
 
 
 def _setup(config: FleetConfig) -> str:

@@ -1,4 +1,4 @@
-"""Charts of a fleet study: QoC and loads over the number of robots, maps, F of each fleet, steps."""
+"""Charts over the number of robots: QoC, use of air and edge, F of each fleet."""
 
 from __future__ import annotations
 
@@ -7,26 +7,24 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from qocjax.report.charts import axis, colour_scale, colour_style, layout, legend_item, series_uid
-from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
+from qocjax.report.charts import axis, colour_style, layout, legend_item, series_uid
+from qocjax.report.html import escape, interval, number, percent, plus_minus
 from qocjax.report.labels import DEADLINE, RELIABILITY
 from qocjax.study.fleet.tables import FleetStudy
 from qocjax.study.reliability import share_text
 
 __all__ = [
-    "GIVEN",
     "LINES",
+    "TEXT",
     "USES",
     "completion_chart",
     "completion_legend",
-    "map_chart",
     "qoc_chart",
-    "steps_chart",
+    "state_text",
     "style",
     "uses_chart",
 ]
 
-GIVEN = {"prbs": "Resource blocks (PRBs)", "workers": "Workers"}
 # Column, line on the page, words, symbol; the first is that of the gains as they are given.
 LINES = {
     "": ("nfa", "gains as given, best Δ", "diamond"), "co_design_": ("nfb", "Co-design", "star"),
@@ -36,7 +34,7 @@ USES = {"uplink_usage": ("nfu", "uplink", "circle"), "edge_usage": ("nfv", "edge
         "downlink_usage": ("nfw", "downlink", "triangle-up")}  # fmt: skip
 _COLOURS = {"nfb": "#2b8fd6", "nfc": "#E69F00", "nfd": "#009E73", "nfu": "#2b8fd6", "nfv": "#D55E00", "nfw": "#009E73",
             "nfs": "#2b8fd6", "nft": "#8a949e", "nfx": "#D55E00"}  # fmt: skip
-_TEXT = "%{customdata}<extra></extra>"
+TEXT = "%{customdata}<extra></extra>"
 _FLAT = 0.999  # share of the highest F from which on a curve shows nothing new
 
 
@@ -48,7 +46,7 @@ def style() -> str:
 def qoc_chart(study: FleetStudy) -> dict[str, Any]:
     """QoC with 95 % intervals over N, the target, and where it is passed."""
     points, robots = study.points, study.points["robots"].to_numpy(float)
-    ends = _ends(robots)
+    ends, nearest = _ends(robots), float(np.min(robots[1:] / robots[:-1], initial=1.2))
     traces = [
         {
             "type": "scatter",
@@ -62,7 +60,7 @@ def qoc_chart(study: FleetStudy) -> dict[str, Any]:
     ]
     for place, (prefix, (uid, name, shape)) in enumerate(LINES.items()):
         if f"{prefix}qoc" in points:
-            aside = robots * (ends[1] / ends[0]) ** (0.008 * (place - 1.5))  # intervals must not hide one another
+            aside = robots * nearest ** (0.1 * (place - 1.5))  # intervals must not hide one another
             traces.append(_line(points, f"{prefix}qoc", uid, shape, aside, [_of_fleet(row, prefix, name) for row in
                                 points.to_dict("records")]))  # fmt: skip
     return {"data": traces, "layout": _over_robots(study, axis("QoC", range=[-0.03, 1.03]))}
@@ -78,41 +76,8 @@ def uses_chart(study: FleetStudy) -> dict[str, Any]:
             texts = [f"{n:g} robots: {name} in use {plus_minus(used, error, '.2f')} %" for n, used, error in shares]
             traces.append({"type": "scatter", "mode": "lines+markers", "uid": uid, "x": robots, "customdata": texts,
                            "y": 100 * points[column].to_numpy(), "line": {"width": 2},
-                           "marker": {"size": 7, "symbol": shape}, "hovertemplate": _TEXT})  # fmt: skip
+                           "marker": {"size": 7, "symbol": shape}, "hovertemplate": TEXT})  # fmt: skip
     return {"data": traces, "layout": _over_robots(study, axis("In use (%)", range=[-3, 105]))}
-
-
-def map_chart(study: FleetStudy, given: str) -> dict[str, Any]:
-    """QoC of each fleet and amount in cells of equal size; the contour of the target."""
-    table = study.maps[given].sort_values([given, "robots"])
-    score = table.pivot(index=given, columns="robots", values="qoc")
-    rows, columns = score.shape
-    what = GIVEN.get(given, given).split(" (")[0].lower()
-    texts = [[f"{row['robots']} robots with {row[given]} {what}: {_state(row)}"] for row in table.to_dict("records")]
-    cells = [texts[k * columns : (k + 1) * columns] for k in range(rows)]
-    heat = {
-        "type": "heatmap", "x": list(range(columns)), "y": list(range(rows)), "z": score.to_numpy(float),
-        "customdata": cells, "colorscale": colour_scale(), "zmin": 0.0, "zmax": 1.0, "xgap": 1, "ygap": 1,
-        "colorbar": {"title": {"text": "QoC", "side": "right"}, "thickness": 12, "outlinewidth": 0, "len": 1,
-                     "ticks": "outside", "ticklen": 3},
-        "hovertemplate": "%{customdata[0]}<extra></extra>",
-    }  # fmt: skip
-    target = study.asked.qoc
-    line = {"type": "contour", "x": heat["x"], "y": heat["y"], "z": heat["z"], "autocontour": False, "showscale": False,
-            "contours": {"start": target, "end": target, "size": 1, "coloring": "none"}, "hoverinfo": "skip",
-            "line": {"width": 2.5, "color": "#ffffff", "smoothing": 0}}  # fmt: skip
-    close = [(k, row) for k, row in enumerate(table.to_dict("records"))
-             if row["collision_share"] > study.asked.collision_share]  # fmt: skip
-    crosses = {"type": "scatter", "mode": "markers", "x": [k % columns for k, _ in close],
-               "y": [k // columns for k, _ in close], "hoverinfo": "skip",
-               "marker": {"symbol": "x-thin", "size": 16, "line": {"width": 2.5, "color": "#D55E00"}}}  # fmt: skip
-    across = axis("Robots N", tickvals=heat["x"], ticktext=[str(n) for n in score.columns], ticks="",
-                  range=[-0.5, columns - 0.5])  # fmt: skip
-    up = axis(GIVEN.get(given, given), tickvals=heat["y"], ticktext=[str(n) for n in score.index], ticks="",
-              range=[-0.5, rows - 0.5])  # fmt: skip
-    return {"data": [heat, line, crosses] if min(rows, columns) > 1 else [heat, crosses],
-            "layout": layout(xaxis=across, yaxis=up, margin={"l": 62, "r": 10, "t": 14, "b": 48}),
-            "grid": [heat["x"], heat["y"]]}  # fmt: skip
 
 
 def completion_chart(study: FleetStudy) -> dict[str, Any]:
@@ -126,17 +91,17 @@ def completion_chart(study: FleetStudy) -> dict[str, Any]:
                  f"{share_text(row.reliability, row.reliability_se, 4)}" for row in rows.itertuples()]  # fmt: skip
         traces.append({"type": "scatter", "mode": "lines", "x": 1e3 * rows["deadline"].to_numpy(), "uid": uid,
                        "y": rows["reliability"].to_numpy(), "line": {"width": 2}, "customdata": texts,
-                       "hovertemplate": _TEXT})  # fmt: skip
+                       "hovertemplate": TEXT})  # fmt: skip
         best = points.loc[robots]
         traces.append({"type": "scatter", "mode": "markers", "x": [1e3 * best["deadline"]], "y": [best["reliability"]],
                        "uid": f"{uid}m", "marker": {"symbol": "star", "size": 14, "line": {"width": 0}},
-                       "cliponaxis": False, "customdata": [f"{robots} robots: {_state(best)}"],
-                       "hovertemplate": _TEXT})  # fmt: skip
+                       "cliponaxis": False, "customdata": [f"{robots} robots: {state_text(best)}"],
+                       "hovertemplate": TEXT})  # fmt: skip
     top = table.groupby("robots")["reliability"].transform("max")
     rising = table.loc[table["reliability"] < _FLAT * top, "deadline"].max()
     end = min(1.15 * np.fmax(rising, study.points["deadline"].max()), table["deadline"].max())
     return {"data": traces, "layout": layout(
-        xaxis=axis(DEADLINE, range=[0, 1e3 * end]), yaxis=axis(RELIABILITY, rangemode="tozero", tickformat=".0%"),
+        xaxis=axis(DEADLINE, range=[0, 1e3 * end]), yaxis=axis(RELIABILITY, rangemode="tozero", tickformat=".2~%"),
         hovermode="closest", margin={"l": 62, "r": 14, "t": 14, "b": 48},
     )}  # fmt: skip
 
@@ -148,30 +113,6 @@ def completion_legend(study: FleetStudy) -> str:
     return f'<div class="legend" role="group" aria-label="Robots"><span>Robots</span>{"".join(items)}</div>'
 
 
-def steps_chart(steps: pd.DataFrame) -> dict[str, Any]:
-    """Gain of each step with its interval, the largest on top."""
-    kinds = {"nfs": steps["gain_low"] > 0, "nfx": steps["gain_high"] < 0}
-    kinds["nft"] = ~(kinds["nfs"] | kinds["nfx"])
-    traces = []
-    for uid, chosen in kinds.items():
-        rows = steps[chosen]
-        texts = [f"{escape(row['step'])}: {signed(row['gain'])} {interval(row['gain_low'], row['gain_high'])}<br>"
-                 f"{_state(row)}" for row in rows.to_dict("records")]  # fmt: skip
-        gain = rows["gain"].to_numpy()
-        traces.append({
-            "type": "scatter", "mode": "markers", "uid": uid, "x": gain, "y": rows.index.to_numpy(),
-            "error_x": {"type": "data", "symmetric": False, "array": rows["gain_high"].to_numpy() - gain,
-                        "arrayminus": gain - rows["gain_low"].to_numpy(), "thickness": 1.3, "width": 3},
-            "marker": {"size": 10}, "customdata": texts, "hovertemplate": _TEXT,
-        })  # fmt: skip
-    up = axis("", tickvals=list(range(len(steps))), ticktext=[escape(step) for step in steps["step"]], ticks="",
-              range=[len(steps) - 0.4, -0.6])  # fmt: skip
-    return {"data": traces, "height": 100 + 30 * len(steps), "layout": layout(
-        xaxis=axis("Gain in QoC", zeroline=True), yaxis=up, hovermode="closest",
-        margin={"l": 120, "r": 14, "t": 14, "b": 48},
-    )}  # fmt: skip
-
-
 def _line(points: pd.DataFrame, column: str, uid: str, shape: str, x: np.ndarray, texts: list[str]) -> dict[str, Any]:
     middle = points[column].to_numpy()
     return {
@@ -180,21 +121,21 @@ def _line(points: pd.DataFrame, column: str, uid: str, shape: str, x: np.ndarray
                     "arrayminus": middle - points[f"{column}_low"].to_numpy(), "thickness": 1.3, "width": 3},
         "line": {"width": 2.2 if uid == "nfa" else 1.2, "dash": "solid" if uid == "nfa" else "dot"},
         "marker": {"size": 9 if shape == "star" else 7, "symbol": shape, "line": {"width": 0}},
-        "customdata": texts, "hovertemplate": _TEXT,
+        "customdata": texts, "hovertemplate": TEXT,
     }  # fmt: skip
 
 
 def _of_fleet(row: dict[str, Any], prefix: str, name: str) -> str:
     head = f"<b>{name}</b>, {row['robots']} robots: "
     if not prefix:
-        return head + _state(row)
+        return head + state_text(row)
     ends = interval(row[f"{prefix}qoc_low"], row[f"{prefix}qoc_high"], ".4f")
     return (f"{head}QoC {plus_minus(row[f'{prefix}qoc'], row[f'{prefix}qoc_se'])} {ends}<br>"
             f"Δ = {number(1e3 * row[f'{prefix}deadline'])} ms, {escape(row[f'{prefix}sweep'])} = "
             f"{number(row[f'{prefix}value'])}")  # fmt: skip
 
 
-def _state(row: Any) -> str:
+def state_text(row: Any) -> str:
     """A fleet at its best deadline, in words."""
     text = (f"QoC {plus_minus(row['qoc'], row['qoc_se'])}<br>Δ = {number(1e3 * row['deadline'])} ms, <i>F</i>(Δ) = "
             f"{share_text(row['reliability'], row['reliability_se'])}<br>too close in "

@@ -15,7 +15,7 @@ from qocjax.quality import QocScale
 from qocjax.report.charts import series_style
 from qocjax.report.delays import Completion, completion_words, delay_chart, delay_facts
 from qocjax.report.hall import HallMap
-from qocjax.report.html import escape, number
+from qocjax.report.html import escape, interval, number
 from qocjax.report.page import Section, details, facts, render, write
 from qocjax.report.parts import chart_place, tabs
 from qocjax.report.policies import headline, policies_table
@@ -113,19 +113,40 @@ def _facts(page: StudyPage) -> str:
     scale, count = page.scale, page.results["sweep"].nunique()
     items = {
         "Network": escape(page.network),
-        "J_med, J_max": f"{number(scale.median)} s, {number(scale.largest)} s",
+        "J_med, J_max": f"{_known_to(scale)} s, {number(scale.largest)} s",
         "Seeds": f"{int(page.results['seeds'].iloc[0])} to choose, {int(page.policies['seeds'].iloc[0])} to judge",
         "Designs": f"{len(page.results)} in {count} sweep{'s' if count > 1 else ''}",
     }
     return facts(items | {name: escape(value) for name, value in page.about.items()})
 
 
+def _known_to(scale: QocScale) -> str:
+    return number(scale.median) if not scale.median_se else f"{number(scale.median)} ± {number(scale.median_se, '.2g')}"
+
+
 def _policies(page: StudyPage) -> str:
     return (
         "<p>Each policy chose value and deadline on some seeds; QoC and AUC are those on others, on which all policies "
         "met the same starts and loop times, so that differences are paired.</p>"
+        + _two_intervals(page)
         + policies_table(page.policies)
         + _hanging(page.hanging)
+    )
+
+
+def _two_intervals(page: StudyPage) -> str:
+    """How much wider intervals are with what is not known of the scale."""
+    table = page.policies[page.policies["qoc"].notna()]
+    if not page.scale.median_se or "qoc_whole_se" not in table or table.empty:
+        return ""
+    row = table.loc[table["qoc"].idxmax()]
+    return (
+        "<p>Intervals are given the scale of this study. Its J_med is an estimate too, and moves all QoC together: "
+        f"with its error in it the best QoC, {number(row['qoc'], '.4f')}, is known to "
+        f"{interval(row['qoc_whole_low'], row['qoc_whole_high'], '.4f')} instead of "
+        f"{interval(row['qoc_low'], row['qoc_high'], '.4f')} (columns <code>qoc_whole_low</code> and "
+        "<code>qoc_whole_high</code> of <code>policies.csv</code>). <code>sweep.scale=paper</code>, or an earlier "
+        "study, fixes it.</p>"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,9 @@ def compare(studies: Mapping[str, Study]) -> Comparison:
     for name in others:
         _check_yardstick(first, options[first], name, options[name])
     kind = np.result_type(*(study.runs["auc"].dtype for study in studies.values()))
-    scale = scale_of(lambda: (each.astype(kind) for study in studies.values() for each in _auc_blocks(study.runs)))
+    every = scale_of(lambda: (each.astype(kind) for study in studies.values() for each in _auc_blocks(study.runs)))
+    # What J_max is, each study says: robots that never move cost the same in all, the largest run of each another.
+    scale = replace(every, largest=max(study.scale.largest for study in studies.values()))
     reasons = {name: _unpaired_because(options[first], options[name]) for name in others}
     judged = {name: _judged(name, study, scale) for name, study in studies.items()}
     rows = [row for name in studies for row in _rows(judged[name], judged[first], not reasons.get(name))]

@@ -184,7 +184,7 @@ def _of_design(problem: Problem, sweeps: Sequence[str]) -> list[_Choice] | None:
 
 def _of_scoring(problem: Problem) -> list[_Choice] | None:
     options = dict((problem.configuration or {}).get("sweep") or {})
-    if options.get("j_med") is not None:
+    if any(options.get(name) is not None for name in ("j_med", "j_max", "scale")):
         return None
     share = float(options.get("min_reliability", 0.01))
     return [] if share == 0.01 else [_Choice("sweep.min_reliability", f"{share:g}")]

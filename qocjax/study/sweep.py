@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -21,11 +21,12 @@ from qocjax.store.memory import InMemory, Shelf
 from qocjax.study.chunks import CHUNK_STEPS, Engine, Part, Problem
 from qocjax.study.engine import LocalEngine
 from qocjax.study.grid import Grid
-from qocjax.study.order import scale_of
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, POLICIES, NoDesignError, min_delay
 from qocjax.study.reliability import reliability_of
-from qocjax.study.statistics import estimate, paired
+from qocjax.study.scales import measured_scale
+from qocjax.study.scores import difference, score
+from qocjax.study.statistics import estimate
 from qocjax.study.table import qoc_by_seed, results_table
 
 __all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
@@ -119,6 +120,7 @@ def study_of(
     *,
     min_reliability: float = MIN_RELIABILITY,
     scale: QocScale | None = None,
+    j_max_of: str = "still",
     shelf: Shelf | None = None,
     engine: Engine | None = None,
     chunk_steps: float = CHUNK_STEPS,
@@ -135,7 +137,8 @@ def study_of(
         selection_seeds: Seeds on which designs are chosen.
         evaluation_seeds: Other seeds, on which the chosen are judged.
         min_reliability: What MinDelay asks of F(Delta).
-        scale: J_med and J_max, where given; else of all selection runs.
+        scale: J_med and J_max, where given; else J_med is that of all selection runs.
+        j_max_of: What J_max is where no scale is given, see `scales.LARGEST`.
         shelf: Where results of chunks are kept; None for memory.
         engine: What computes chunks; None for this process.
         chunk_steps: Robot-steps of a chunk.
@@ -154,7 +157,7 @@ def study_of(
         min_delay(np.zeros(shares.shape), shares, min_reliability)
     rest = (shelf or InMemory(), engine or LocalEngine(), chunk_steps, progress)
     first = run_part(problem, Part("selection", selection), *rest)
-    scale = scale or scale_of(lambda: first.arrays("auc"))
+    scale = scale or measured_scale(lambda: _auc_parts(first), len(selection), problem.scenario, j_max_of)
     results = results_table(first.runs, grid, reliability, scale, first.failed)
     chosen = _choose(results, grid, min_reliability)
     places, inverse = np.unique(grid.design[[row for _, _, row in chosen if row is not None]], return_inverse=True)
@@ -169,6 +172,12 @@ def study_of(
         results, policies, scale, runs, judged, failures, (*first.names, *second.names), tuple(made_with.values()),
         problem.configuration,
     )  # fmt: skip
+
+
+def _auc_parts(part: PartRuns) -> Iterator[tuple[slice, np.ndarray]]:
+    """AUC of the chunks that are there, with the places of their seeds."""
+    for chunk in part.chunks:
+        yield slice(*chunk.seeds), part.shelf.array(chunk.name, "auc")
 
 
 def _choose(results: pd.DataFrame, grid: Grid, min_reliability: float) -> list[tuple[str, str, int | None]]:
@@ -200,28 +209,28 @@ def _judge(
 ) -> pd.DataFrame:
     """Scores of the choices on the evaluation seeds, and the paired difference of each policy to Co-design."""
     runs = evaluation.runs
-    scores = qoc_by_seed(runs, scale)
-    scores[list(evaluation.failed)] = np.nan
-    costs = runs["auc"].values.astype(np.float64).mean(axis=-1)
+    every = runs["auc"].values.astype(np.float64)  # [G, S, N]
+    costs = every.mean(axis=-1)
+    every = np.where(np.isnan(every), np.inf, every)  # diverged
+    every[list(evaluation.failed)] = np.nan
     at = {(sweep, policy): None if row is None else next(places) for sweep, policy, row in chosen}
-    nothing = np.full(scores.shape[1], np.nan)
+    nothing = np.full(every.shape[1:], np.nan)
     table = []
     for sweep, policy, row in chosen:
         k, base = at[sweep, policy], at[sweep, "Co-design"]
         point = results.loc[row] if row is not None else dict.fromkeys(results.columns, np.nan)
-        own, cost = (nothing, nothing) if k is None else (scores[k], costs[k])
-        score, auc, gap = estimate(own), estimate(cost), paired(own, nothing if base is None else scores[base])
+        own, cost = (nothing, nothing[:, 0]) if k is None else (every[k], costs[k])
+        auc, gap = estimate(cost), difference(own, nothing if base is None else every[base], scale)
         line = {
             "sweep": sweep, "policy": policy, "value": point["value"], "deadline": point["deadline"],
             "reliability": point["reliability"], "reliability_se": point["reliability_se"],
             "qoc_selection": point["qoc"],
-            "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
+            **score(own, scale).columns("qoc"),
             "auc": auc.mean, "auc_se": auc.se,
-            "difference": gap.mean, "difference_se": gap.se,
-            "difference_low": gap.low, "difference_high": gap.high,
+            **gap.columns("difference"),
             "collision_share": np.nan if k is None or k in evaluation.failed else runs["collided"].values[k].mean(),
             "diverged_share": np.nan if k is None or k in evaluation.failed else np.mean(~np.isfinite(cost)),
-            "seeds": scores.shape[1],
+            "seeds": every.shape[1],
         }  # fmt: skip
         if k is None:
             line["error"] = "every design diverged or failed"

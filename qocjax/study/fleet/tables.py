@@ -16,7 +16,7 @@ from qocjax.study.statistics import paired
 
 __all__ = ["FleetStudy", "answers", "map_table", "need_table", "points_table", "steps_table"]
 
-_SAME = 0.01  # of what there is: by less, use does not grow with the fleet
+_SAME = 0.01  # of what there is: by less, use tells nothing of the fleet
 USES = ("uplink_usage", "edge_usage", "downlink_usage")
 
 
@@ -125,19 +125,22 @@ def _largest(study: FleetStudy) -> str:
 
 
 def _admission(study: FleetStudy) -> list[str]:
-    """When to admit one more, by what fills as robots come; workers of their own do not."""
+    """When to admit one more, by what tells a full network from one that is not."""
     if study.largest is None:
         return []
     rows = study.points.set_index("robots")
-    row, fewest = rows.loc[study.largest], rows.iloc[0]
+    row, after = rows.loc[study.largest], rows[rows.index > study.largest]
+    admit = f"Admit a robot while there are fewer than {study.largest}{'' if len(after) else ', and maybe more'}"
+    text = (
+        f"{admit}: with {study.largest}, F({1e3 * row['deadline']:g} ms) = {row['reliability']:.3f}; less of it says "
+        "that the network is full, whoever fills it."
+    )
     names = {"uplink_usage": "the uplink", "edge_usage": "the edge", "downlink_usage": "the downlink"}
-    filling = [use for use in USES if use in row and row[use] > fewest[use] + _SAME]
-    lines = [f"Admit a robot while there are fewer than {study.largest}; then F({1e3 * row['deadline']:g} ms) = "
-             f"{row['reliability']:.3f}."]  # fmt: skip
-    if filling:
-        used = ", ".join(f"{names[use]} is {row[use]:.0%} in use" for use in filling)
-        lines.append(f"With {study.largest} {used}: what is busier than that is full, whoever fills it.")
-    return [" ".join(lines)]
+    # Workers that drop what finds them busy are as busy with too many robots as with enough.
+    telling = [use for use in USES if use in row and len(after) and after[use].iloc[0] > row[use] + _SAME]
+    if telling:
+        text += f" So does more than {' or '.join(f'{row[use]:.0%} of {names[use]}' for use in telling)} in use."
+    return [text]
 
 
 def _needs(study: FleetStudy) -> list[str]:
@@ -149,7 +152,9 @@ def _needs(study: FleetStudy) -> list[str]:
 
 def _need(row: Mapping[str, Any]) -> str:
     verb = "needs" if row["robots"] == 1 else "need"
-    text = f"{row['robots']} {verb} {'more than were tried' if np.isnan(row['need']) else format(row['need'], 'g')}"
+    most = "at most " if row["beyond"] == "less than the axis" else ""
+    amount = "more than were tried" if np.isnan(row["need"]) else f"{most}{row['need']:g}"
+    text = f"{row['robots']} {verb} {amount}"
     if np.isnan(row["crossing"]):
         return text
     ends = f"[{_end(row['crossing_low'])}, {_end(row['crossing_high'])}]"
