@@ -33,6 +33,7 @@ from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
 from qocjax.study.chunks import Problem
 from qocjax.study.grid import Grid
+from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.replays import policy_runs
 from qocjax.study.scales import scale_text
@@ -118,6 +119,11 @@ def study_capacity(study: Study, config: StudyConfig) -> str:
     """How many computations at once the study takes for granted."""
     problem = config.build_problem()
     return at_once_text(problem.network, *usual_load(study, problem))
+
+
+def hanging_text(study: Study, config: StudyConfig) -> str:
+    """The conclusions of the paper that hang on a choice of the configuration; nothing where none is known to."""
+    return hanging_of(config.build_problem(), list(dict.fromkeys(study.results["sweep"]))).text
 
 
 def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
@@ -232,6 +238,8 @@ def main(cfg: DictConfig) -> None:
         print("\n".join(f"  {line}" for line in lines))
     print(f"\n{study_capacity(study, config)}")
     print(scale_text(scale, "given" if config.scale() else "of this study", columns=True))
+    if text := hanging_text(study, config):
+        print(text)
     print(f"Tables, figures and the record are in {folder}")
     if study.failures:
         causes = "; ".join(sorted(set(study.failures.values())))

@@ -16,6 +16,7 @@ from qocjax.report.replay import Replay
 from qocjax.report.study import StudyPage
 from qocjax.study.capacity import at_once_text, usual_load
 from qocjax.study.chunks import Problem
+from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
 from qocjax.study.sweep import Study
@@ -59,6 +60,7 @@ def study_page(
         seed=runs[0].seed if runs else None,
         hall=None if room is None else hall_map(room),
         failures=dict(study.failures),
+        hanging=hanging_of(problem, list(dict.fromkeys(study.results["sweep"]))),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from qocjax.report.policies import headline, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
+from qocjax.study.hanging import Hanging
 from qocjax.study.ties import tie_lines
 
 __all__ = ["StudyPage", "write_study_report"]
@@ -43,6 +45,7 @@ class StudyPage:
     seed: int | None = None  # of the replays
     hall: HallMap | None = None
     failures: Mapping[str, str] = field(default_factory=dict)  # why a part of the study has no results
+    hanging: Hanging = Hanging()  # conclusions of the paper that hang on a choice
 
 
 def write_study_report(path: Path, page: StudyPage) -> Path:
@@ -129,6 +132,7 @@ def _policies(page: StudyPage) -> str:
         + _two_intervals(page)
         + policies_table(page.policies)
         + _ties(page)
+        + _hanging(page.hanging)
     )
 
 
@@ -139,8 +143,8 @@ def _ties(page: StudyPage) -> str:
         return ""
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     return (
-        "<p>The seeds of the choice cannot tell these values from Co-design's, each at its best deadline (95 % interval "
-        f"of the paired difference); of equals the largest mean is taken.</p><ul>{items}</ul>"
+        "<p>The seeds of the choice cannot tell these values from Co-design's, each at its best deadline (95 % "
+        f"interval of the paired difference); of equals the largest mean is taken.</p><ul>{items}</ul>"
     )
 
 
@@ -158,6 +162,17 @@ def _two_intervals(page: StudyPage) -> str:
         "<code>qoc_whole_high</code> of <code>policies.csv</code>). <code>sweep.scale=paper</code>, or an earlier "
         "study, fixes it.</p>"
     )
+
+
+def _hanging(hanging: Hanging) -> str:
+    """Which conclusions hang on a choice of the configuration, with the numbers on demand."""
+    if not hanging.text:
+        return ""
+    lines = []
+    for choice, each in groupby(hanging.numbers, key=lambda line: line[1]):
+        lines += [f"Not as with the default with {choice}:", *(f"  {claim}. {number}" for claim, _, number in each)]
+    numbers = details("The numbers: each choice changed alone, differences with 95 % intervals", "\n".join(lines))
+    return f"<p>{escape(hanging.text)}</p>{numbers}"
 
 
 def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:
