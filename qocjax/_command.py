@@ -17,6 +17,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from qocjax._help import register_help
 from qocjax._quoting import quoted_options
 from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
@@ -62,9 +63,11 @@ def command(
         def entry() -> None:
             _set_up_jax()
             OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
+            register_help()
             sys.argv[1:] = quoted_options(_expanded(sys.argv[1:], short or {}))
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:
+                _check_help(sys.argv[1:])
                 run()
             except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
                 if os.environ.get("QOCJAX_TRACEBACK"):
@@ -75,6 +78,13 @@ def command(
         return entry
 
     return wrap
+
+
+def _check_help(arguments: Collection[str]) -> None:
+    """The text of `--help` is a part of the configuration, and no choice."""
+    for argument in arguments:
+        if re.match(r"[+~]*help(@[^=]*)?(=|$)", argument):
+            raise ValueError(f"help: got {argument}, expected --help")
 
 
 def _expanded(arguments: list[str], short: dict[str, tuple[str, str]]) -> list[str]:

@@ -180,7 +180,7 @@ def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]
         return mid_tick, ticks + 2
     with jax.ensure_compile_time_eval():  # numbers also where the caller traces something else
         lag, _ = split_deadline(float(np.asarray(design.deadline)), float(np.asarray(design.tau)))
-    room = max(_USUAL_SLOTS, 1 << (int(min(lag, ticks)) + 1).bit_length())
+    room = max(_USUAL_SLOTS, 1 << (min(int(lag), ticks) + 1).bit_length())
     return mid_tick, min(room, ticks + 2)
 
 

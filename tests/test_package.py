@@ -87,6 +87,7 @@ BAD_INPUT = {
 BAD_OPTIONS = {
     "unknown option": (["wheels=2"], "Could not override 'wheels'"),
     "unknown network": (["network=carrier_pigeon"], "Could not find 'network/carrier_pigeon'"),
+    "another command's help": (["help=tune"], "help: got help=tune, expected --help"),
     "unknown experiment": (["experiment=missing"], "Could not find 'experiment/missing'"),
 }
 
@@ -285,8 +286,14 @@ def test_files_can_be_read_and_agree(study: tuple[subprocess.CompletedProcess[st
 def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: Path) -> None:
     done = sweep(["--help"], tmp_path, environment)
     assert done.returncode == 0, done.stderr
-    for text in ("network: cell, dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
+    for text in (
+        "network: cell, dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun",
+        "sweep.seeds=32  ", "Monte Carlo seeds on which designs are chosen", "${robot.v_max}",
+    ):  # fmt: skip
         assert text in done.stdout
+    for group in ("calibrate", "help", "maps", "measured", "optimiser", "output", "profile", "reading", "stamps"):
+        assert f"\n{group}: " not in done.stdout  # those of others
+    assert max(map(len, done.stdout.splitlines())) <= 120
     assert list(tmp_path.iterdir()) == []
 
 
