@@ -143,13 +143,15 @@ def resumed(config: C, resume: str | None, folder: Path, free: Collection[str]) 
         free: Options that results do not depend on.
 
     Raises:
-        ValueError: The folder to go on with is not the one that the results go to, or holds no study.
+        ValueError: The folder to go on with is not the one that the results go to, or holds no study of this command.
     """
     if resume is None:
         return config
     if Path(resume).resolve() != folder.resolve():
         raise ValueError(f"resume: got {resume} with results in {folder}, expected one folder")
     there = read_identity(folder)["configuration"]
+    if others := sorted(set(there) - set(type(config).model_fields)):
+        raise ValueError(f"resume: got {resume}, a study with {', '.join(others)}, expected one of this command")
     if any(name.split(".")[0] not in free for name in given_options()):
         return config  # what was asked for, to be compared with what is there
     return type(config).model_validate({**config.model_dump(include=set(free)), **there})

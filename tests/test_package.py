@@ -384,6 +384,19 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         config.baseline() if isinstance(config, SimulationConfig) else build(config)
 
 
+@pytest.mark.parametrize("document", [each for each in DOCUMENTS if not each.startswith("conf/help/")])
+def test_folders_that_a_command_reads_were_written_before(document: str) -> None:
+    """Someone who runs the commands of a document in its order meets no folder that is not there."""
+    written: set[str] = set()
+    for command, options in commands((ROOT / document).read_text(encoding="utf-8")):
+        given = dict(option.split("=", 1) for option in options if "=" in option)
+        listed = given.get("studies", "").strip("[]").split(",")
+        read = [option for option in options if command == "compare" and "=" not in option]
+        wanted = {each for each in (*read, *listed, given.get("resume", "")) if each.startswith("results/")}
+        assert wanted <= written, (command, options)
+        written.add(given.get("hydra.run.dir", ""))
+
+
 def test_code_of_the_readme_runs(environment: dict[str, str], tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     done = python(sys.executable, ["-c", code], tmp_path, environment)
