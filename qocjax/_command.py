@@ -17,6 +17,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from qocjax._help import register_help
 from qocjax._quoting import quoted_options
 from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
@@ -62,9 +63,11 @@ def command(
         def entry() -> None:
             _set_up_jax()
             OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
+            register_help()
             sys.argv[1:] = quoted_options(_expanded(sys.argv[1:], short or {}))
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:
+                _check_help(sys.argv[1:])
                 run()
             except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
                 if os.environ.get("QOCJAX_TRACEBACK"):
@@ -75,6 +78,13 @@ def command(
         return entry
 
     return wrap
+
+
+def _check_help(arguments: Collection[str]) -> None:
+    """The text of `--help` is a part of the configuration, and no choice."""
+    for argument in arguments:
+        if re.match(r"[+~]*help(@[^=]*)?(=|$)", argument):
+            raise ValueError(f"help: got {argument}, expected --help")
 
 
 def _expanded(arguments: list[str], short: dict[str, tuple[str, str]]) -> list[str]:
@@ -133,13 +143,15 @@ def resumed(config: C, resume: str | None, folder: Path, free: Collection[str]) 
         free: Options that results do not depend on.
 
     Raises:
-        ValueError: The folder to go on with is not the one that the results go to, or holds no study.
+        ValueError: The folder to go on with is not the one that the results go to, or holds no study of this command.
     """
     if resume is None:
         return config
     if Path(resume).resolve() != folder.resolve():
         raise ValueError(f"resume: got {resume} with results in {folder}, expected one folder")
     there = read_identity(folder)["configuration"]
+    if others := sorted(set(there) - set(type(config).model_fields)):
+        raise ValueError(f"resume: got {resume}, a study with {', '.join(others)}, expected one of this command")
     if any(name.split(".")[0] not in free for name in given_options()):
         return config  # what was asked for, to be compared with what is there
     return type(config).model_validate({**config.model_dump(include=set(free)), **there})

@@ -24,6 +24,8 @@ from qocjax.scenario import CONTINUOUS, Design, Scenario, check_tau, num_ticks
 
 __all__ = ["Run", "check_start", "simulate"]
 
+_USUAL_SLOTS = 128  # commands under way, enough for deadlines of a second and more at the model's tau
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ def simulate(
 
     Works under `jax.jit`, `jax.vmap` and `jax.grad`, and is differentiable in the design's continuous values. (The
     derivative in the deadline is that between the multiples of tau; which loops complete is piecewise constant.)
+    Runs of other designs, deadlines included, take the compiled program of the first; another number of ticks or
+    robots, choice of the scenario or mode compiles again.
 
     Args:
         scenario: Start poses (used as they are, without jitter), goal, horizon, yardstick.
@@ -113,6 +117,7 @@ def simulate(
     controller.check(scenario, design, actuation)
     mid_tick, slots = _timing(design, times.shape[0], rules)
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
+    design = jax.tree.map(lambda each: jnp.asarray(each, times.dtype), design)  # 0 and 0.1 on one program
     return _simulate(scenario, design, times, jax.random.key(0) if key is None else key, plan)
 
 
@@ -164,14 +169,19 @@ def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLik
 
 
 def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]:
-    """Whether commands take effect between sampling instants, and how many are under way, where known beforehand."""
+    """Whether commands take effect between sampling instants, where the rules tell, and room for those under way.
+
+    Both are the same for many deadlines, which so share one program; a larger buffer costs next to nothing.
+    """
     if rules.actuation == "instant":
         return False, 1
+    mid_tick = None if rules.actuation == "deadline" else False
     if not (_checks.is_concrete(design.tau) and _checks.is_concrete(design.deadline)):
-        return (None if rules.actuation == "deadline" else False), ticks + 2
+        return mid_tick, ticks + 2
     with jax.ensure_compile_time_eval():  # numbers also where the caller traces something else
-        lag, rest = split_deadline(float(np.asarray(design.deadline)), float(np.asarray(design.tau)))
-    return float(rest) > 0 and rules.actuation == "deadline", min(int(lag), ticks) + 2
+        lag, _ = split_deadline(float(np.asarray(design.deadline)), float(np.asarray(design.tau)))
+    room = max(_USUAL_SLOTS, 1 << (min(int(lag), ticks) + 1).bit_length())
+    return mid_tick, min(room, ticks + 2)
 
 
 @partial(jax.jit, static_argnames="plan")

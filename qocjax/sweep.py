@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import fields
@@ -32,6 +33,7 @@ from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
 from qocjax.study.chunks import Problem
+from qocjax.study.edges import edges_text
 from qocjax.study.grid import Grid
 from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import load_of, share_text
@@ -155,26 +157,37 @@ def _design_at(study: Study, design: Design) -> int:
 
 
 def policy_text(policies: pd.DataFrame) -> str:
-    """The policies' table for a terminal."""
+    """The policies' table for a terminal; choices at an end of what was tried have a star."""
+    deadline = policies["at_edge"].str.endswith("deadline")
+    value = policies["at_edge"].str.contains(",") | (policies["at_edge"].ne("") & ~deadline)
+    stars = [each.map({True: "*", False: " "}) for each in (value, deadline)]
     table = pd.DataFrame(
         {
             "sweep": policies["sweep"],
             "policy": policies["policy"],
-            "value": policies["value"].map("{:g}".format),
-            "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format),
+            "value": policies["value"].map("{:g}".format) + stars[0],
+            "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format) + stars[1],
             "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
-            "QoC ± SE": [f"{q:.4f} ± {se:.4f}" for q, se in zip(policies["qoc"], policies["qoc_se"], strict=True)],
-            "difference to Co-design [95 %]": [
+            "QoC ± SE": _plus_minus(policies, "qoc", 4),
+            "to Co-design [95 %]": [
                 "" if row.policy == "Co-design"
                 else f"{row.difference:+.4f} [{row.difference_low:+.4f}, {row.difference_high:+.4f}]"
                 for row in policies.itertuples()
             ],
+            "AUC ± SE (s)": _plus_minus(policies, "auc", 3),
+            "collide": policies["collision_share"].map("{:.1%}".format),
         }
     )  # fmt: skip
     if "error" in policies:
         table["error"] = policies["error"]
     table["sweep"] = table["sweep"].where(~table["sweep"].duplicated(), "")
-    return table.to_string(index=False)
+    edges = edges_text(policies)
+    return table.to_string(index=False) + "".join(f"\n{line}" for line in textwrap.wrap(f"* {edges}", 118) if edges)
+
+
+def _plus_minus(table: pd.DataFrame, name: str, digits: int) -> list[str]:
+    pairs = zip(table[name], table[f"{name}_se"], strict=True)
+    return [f"{mean:.{digits}f} ± {error:.{digits}f}" for mean, error in pairs]
 
 
 def diverged_text(results: pd.DataFrame) -> str:

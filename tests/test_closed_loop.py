@@ -41,12 +41,25 @@ def test_all_modes_like_the_slow_loop(k: int) -> None:
      ("typical", "deadline", 8), ("above horizon", "deadline", 5), ("off grid", "arrival", 12)],
 )  # fmt: skip
 def test_known_timing_and_any_number_of_robots(kind: str, actuation: str, num_robots: int) -> None:
-    """What the compiler knows of tau and the deadline it uses; pairs are summed in a loop from nine robots on."""
+    """Numbers instead of traced values take another program; pairs are summed in a loop from nine robots on."""
     case = a_case(np.random.default_rng(num_robots), kind, num_robots, choice=1 if num_robots == 1 else 0)
     for shift in (0, 3):
         shifted = replace(case, loop_times=np.roll(case.loop_times, shift, axis=0))
         run = simulate(shifted.scenario, shifted.design, shifted.loop_times, actuation)
         assert_same_run(run, shifted.slow(actuation))
+
+
+def test_deadlines_share_a_program(caplog: pytest.LogCaptureFixture) -> None:
+    """On and off the grid of tau, as integers and floats: a loop over deadlines compiles once."""
+    scenario = Scenario(start=SMALL.start, horizon=7.13)  # of no other test
+    times = np.random.default_rng(0).uniform(0.05, 0.25, (143, 2))
+    with jax.log_compiles():
+        runs = [simulate(scenario, Design(tau=0.05, deadline=each), times) for each in (0.1, 0.123, 0.25, 0.4, 1)]
+    assert 1 <= sum("Compiling jit(_simulate)" in record.getMessage() for record in caplog.records) <= 2
+    for run in runs:
+        same = traced("deadline", "hold")(scenario, Design(tau=0.05, deadline=run.deadline), times)
+        jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6), run, same)
+    assert len({float(run.auc[0]) for run in runs}) == len(runs)
 
 
 def test_without_delay_and_loss_all_actuations_are_one() -> None:

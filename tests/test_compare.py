@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import OmegaConf
 from scipy import stats
 
 from qocjax import QocScale, Study, open_study, qoc
@@ -22,6 +23,7 @@ from qocjax.compare import as_options, comparison_text, run
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.compare import CompareConfig
 from qocjax.figures.compared import compared
+from qocjax.store import write_config
 from qocjax.study.comparison import compare
 from qocjax.study.statistics import unpaired
 from qocjax.sweep import run as run_sweep
@@ -256,6 +258,25 @@ def test_command_line(folders: dict[str, Path], tmp_path: Path) -> None:
     done = subprocess.run([*command, str(folders["held"]), "nowhere"], **options)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: nowhere: got no record.json there")
+
+
+@pytest.mark.parametrize(
+    "command", ["tune", "codesign", "fleet", "advise", "validate", "show", "qos", "compare", "ingest"]
+)
+def test_the_folder_of_another_command_is_called_what_it_is(command: str, tmp_path: Path) -> None:
+    needed = {"compare": ["studies=[a,b]"], "ingest": ["path=runs"]}.get(command, [])
+    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        config = OmegaConf.to_container(compose(command, needed), resolve=True)
+    write_config(tmp_path, config)
+    (tmp_path / "record.json").write_text("{}")
+    with pytest.raises(ValueError, match=rf"got what python -m qocjax\.{command} wrote, expected the folder"):
+        open_study(tmp_path)
+
+
+def test_the_folder_of_several_runs_is_called_what_it_is(tmp_path: Path) -> None:
+    (tmp_path / "multirun.yaml").write_text("")
+    with pytest.raises(ValueError, match="got several runs, each in a folder of its own inside"):
+        open_study(tmp_path)
 
 
 def test_figure_is_drawn_for_many_studies_and_hostile_names(studies: dict[str, Study]) -> None:

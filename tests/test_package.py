@@ -87,6 +87,7 @@ BAD_INPUT = {
 BAD_OPTIONS = {
     "unknown option": (["wheels=2"], "Could not override 'wheels'"),
     "unknown network": (["network=carrier_pigeon"], "Could not find 'network/carrier_pigeon'"),
+    "another command's help": (["help=tune"], "help: got help=tune, expected --help"),
     "unknown experiment": (["experiment=missing"], "Could not find 'experiment/missing'"),
 }
 
@@ -286,8 +287,14 @@ def test_files_can_be_read_and_agree(study: tuple[subprocess.CompletedProcess[st
 def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: Path) -> None:
     done = sweep(["--help"], tmp_path, environment)
     assert done.returncode == 0, done.stderr
-    for text in ("network: cell, dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun", "deadline_ms:"):
+    for text in (
+        "network: cell, dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun",
+        "sweep.seeds=32  ", "Monte Carlo seeds on which designs are chosen", "${robot.v_max}",
+    ):  # fmt: skip
         assert text in done.stdout
+    for group in ("calibrate", "help", "maps", "measured", "optimiser", "output", "profile", "reading", "stamps"):
+        assert f"\n{group}: " not in done.stdout  # those of others
+    assert max(map(len, done.stdout.splitlines())) <= 120
     assert list(tmp_path.iterdir()) == []
 
 
@@ -376,6 +383,19 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         given = [option for option in ours if option not in flags]
         config = composed(command, given or NEEDED.get(command, []))
         config.baseline() if isinstance(config, SimulationConfig) else build(config)
+
+
+@pytest.mark.parametrize("document", [each for each in DOCUMENTS if not each.startswith("conf/help/")])
+def test_folders_that_a_command_reads_were_written_before(document: str) -> None:
+    """Someone who runs the commands of a document in its order meets no folder that is not there."""
+    written: set[str] = set()
+    for command, options in commands((ROOT / document).read_text(encoding="utf-8")):
+        given = dict(option.split("=", 1) for option in options if "=" in option)
+        listed = given.get("studies", "").strip("[]").split(",")
+        read = [option for option in options if command == "compare" and "=" not in option]
+        wanted = {each for each in (*read, *listed, given.get("resume", "")) if each.startswith("results/")}
+        assert wanted <= written, (command, options)
+        written.add(given.get("hydra.run.dir", ""))
 
 
 def test_code_of_the_readme_runs(environment: dict[str, str], tmp_path: Path) -> None:

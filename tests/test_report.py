@@ -272,6 +272,23 @@ def test_table_has_the_numbers_of_the_study(visit: Visit, study: Study) -> None:
         assert row["policy"] in text
 
 
+@pytest.mark.parametrize("width", [1200, 800, 390])
+def test_nothing_is_cut_off_or_covered(browser: Any, report: Path, width: int) -> None:
+    """The table has all its columns in view; the toolbar of a chart lies above it, and sends nothing anywhere."""
+    seen = Visit(browser, report, width)
+    assert (
+        seen.value("(() => { const t = document.querySelector('.scroll'); return t.scrollWidth - t.clientWidth })()")
+        <= 0
+    )
+    gaps = seen.value(
+        "[...document.querySelectorAll('.chart.drawn')].map(c => c.getBoundingClientRect().y"
+        " - c.querySelector('.modebar').getBoundingClientRect().bottom)"
+    )
+    assert gaps and (width < 700 or min(gaps) >= -1)
+    assert width < 700 or seen.value("document.querySelector('.modebar').offsetWidth") > 0
+    assert seen.page.locator("[aria-label^='Share']").count() == 0
+
+
 def hover(visit: Visit, sweep: str, value: float, deadline: float) -> str:
     """What the map says when the pointer is on a cell."""
     visit.page.click(f"#tab-{sweep}")

@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, Study, evaluate, one_at_a_time, paper_network, qoc, run_study
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
+from qocjax.study.edges import edges_of, edges_text
 from qocjax.study.scales import standing_still
 from qocjax.study.sweep import qoc_by_seed, results_table
+from qocjax.sweep import policy_text
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1)
@@ -134,6 +137,30 @@ def test_policies_are_chosen_on_some_seeds_and_judged_on_others(study: Study, gr
         found = row["MaxRel"][["difference", "difference_low", "difference_high"]].astype(float)
         np.testing.assert_allclose(found, [gap.mean, gap.low, gap.high], atol=1e-4)
         assert row["Co-design"]["difference"] == row["Co-design"]["difference_se"] == 0
+
+
+def test_choices_at_an_end_of_what_was_tried_are_said_to_be_there(study: Study) -> None:
+    for row in study.policies.to_dict("records"):
+        ends = {row["sweep"]: (row["value"], SWEEPS[row["sweep"]])}
+        ends |= {"deadline": (row["deadline"], DEADLINES)} if row["policy"] == "Co-design" else {}
+        wanted = [f"{'smallest' if each == min(tried) else 'largest'} {name}" for name, (each, tried) in ends.items()
+                  if each in (min(tried), max(tried))]  # fmt: skip
+        assert row["at_edge"] == ", ".join(wanted), row
+    assert any(study.policies["at_edge"])
+    rows = pd.DataFrame({"sweep": "eta", "value": [0.0, 1.0, 2.0], "deadline": 0.1})
+    assert edges_of(rows, {"value": 2.0, "deadline": 0.1}, "Co-design") == "largest eta"  # one deadline has no end
+    assert edges_of(rows, {"value": np.nan, "deadline": np.nan}, "Co-design") == ""
+    marked = study.policies.iloc[:2].assign(at_edge=["largest kappa, smallest deadline", ""])
+    assert edges_text(marked).endswith("beyond: largest kappa (Co-design); smallest deadline in kappa (Co-design)")
+    assert edges_text(marked.iloc[1:]) == ""
+
+
+def test_the_table_of_a_terminal_has_auc_and_collisions_in_120_columns(study: Study) -> None:
+    lines = policy_text(study.policies).splitlines()
+    assert max(map(len, lines)) < 120
+    for line, row in zip(lines[1:], study.policies.to_dict("records"), strict=False):
+        assert f"{row['auc']:.3f} ± {row['auc_se']:.3f}" in line and line.endswith(f"{row['collision_share']:.1%}")
+        assert ("*" in line) == bool(row["at_edge"])
 
 
 def test_a_scale_that_is_given_is_used() -> None:

@@ -7,6 +7,7 @@ import pandas as pd
 from qocjax.figures.style import POLICIES
 from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
 from qocjax.report.labels import name_of, symbol, value_text
+from qocjax.study.edges import edges_text
 from qocjax.study.reliability import share_text
 
 __all__ = ["headline", "mark", "policies_table"]
@@ -45,8 +46,13 @@ def policies_table(policies: pd.DataFrame) -> str:
     ]
     return (
         '<div class="scroll" role="region" aria-label="Policies of each sweep" tabindex="0">'
-        f'<table class="policies"><thead><tr>{heads}</tr></thead>{"".join(bodies)}</table></div>'
+        f'<table class="policies"><thead><tr>{heads}</tr></thead>{"".join(bodies)}</table></div>{_edges(policies)}'
     )
+
+
+def _edges(policies: pd.DataFrame) -> str:
+    text = edges_text(policies)
+    return f'<p class="edges">* {escape(text)}.</p>' if text else ""
 
 
 def headline(policies: pd.DataFrame) -> str:
@@ -94,10 +100,13 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
     close = f'<strong class="warn">{percent(share)}</strong>' if share > 0 else percent(share)
     if pd.isna(row["qoc"]):
         gap = f'<span class="warn">{escape(row.get("error") or "no design")}</span>'
+    edges = {end.split()[-1]: f'<abbr title="{escape(end)} of those tried">*</abbr>'
+             for end in row["at_edge"].split(", ") if end}  # fmt: skip
+    value = value_text(sweep, row["value"], with_unit=True) + edges.get(sweep, "")
+    deadline = number(1e3 * row["deadline"]) + edges.get("deadline", "")
     cells = (
-        name, f"{mark(policy)} {escape(policy)}", value_text(sweep, row["value"], with_unit=True),
-        number(1e3 * row["deadline"]), share_text(row["reliability"], row["reliability_se"]),
-        plus_minus(row["qoc"], row["qoc_se"]),
+        name, f"{mark(policy)} {escape(policy)}", value, deadline,
+        share_text(row["reliability"], row["reliability_se"]), plus_minus(row["qoc"], row["qoc_se"]),
         _picture(row, low, high), gap, plus_minus(row["auc"], row["auc_se"], ".3f"),
         number(row["qoc_selection"], ".4f"), close,
     )  # fmt: skip

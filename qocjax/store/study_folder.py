@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from qocjax.store.checked import read_array, read_checked, write_checked
 from qocjax.store.files import write_json
@@ -22,6 +23,12 @@ __all__ = ["CHUNKS", "RECORD", "STUDY", "ChunkFolder", "read_identity", "read_re
 STUDY = "study.json"  # what the folder belongs to, written before anything is computed
 CHUNKS = "chunks"
 RECORD = "record.json"  # what it came to, written when all else is
+
+# Options that one command alone has, and which.
+_OTHERS = {
+    "tune": "tune", "search": "codesign", "fleet": "fleet", "advise": "advise", "validation": "validate",
+    "show": "show", "qos": "qos", "studies": "compare", "clean": "ingest",
+}  # fmt: skip
 
 # The disk's fault: what is there stays good, so going on is possible.
 _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
@@ -122,6 +129,8 @@ def read_record(folder: Path) -> dict[str, Any]:
     Raises:
         ValueError: It holds no finished study, or its record is damaged.
     """
+    if (other := _other(folder)) is not None:
+        raise ValueError(f"{folder}: got {other}, expected the folder of a study of python -m qocjax.sweep")
     names = ("configuration", "chunks", "tables", "failures", "made_with", "j_med", "j_max")
     return _read(folder, RECORD, names, f"the folder of a finished study (resume={folder} goes on with another)")
 
@@ -138,6 +147,18 @@ def _read(folder: Path, name: str, keys: tuple[str, ...], expected: str) -> dict
     if missing:
         raise ValueError(f"{path}: got no {', '.join(missing)} in it, expected {expected}")
     return found
+
+
+def _other(folder: Path) -> str | None:
+    """What a folder is, where another command wrote it; None for a study, or for what is not known."""
+    if (folder / "multirun.yaml").is_file():
+        return "several runs, each in a folder of its own inside"
+    try:
+        options = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return None
+    found = [command for option, command in _OTHERS.items() if isinstance(options, dict) and option in options]
+    return f"what python -m qocjax.{found[0]} wrote" if found else None
 
 
 def _begin(folder: Path, identity: dict[str, Any], data: str) -> None:

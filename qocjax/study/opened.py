@@ -58,7 +58,10 @@ def _table(folder: Path, name: str, digests: dict[str, str]) -> pd.DataFrame:
         raise ValueError(
             f"{path}: damaged or changed, expected the table as it was written; resume={folder} writes it again"
         )
-    return pd.read_parquet(path) if file == parquet else pd.read_csv(path)
+    if file == parquet:
+        return pd.read_parquet(path)
+    table = pd.read_csv(path)
+    return table.fillna({each: "" for each in ("at_edge", "error") if each in table})
 
 
 def _runs(folder: Path, part: str, record: dict[str, Any]) -> xr.Dataset:

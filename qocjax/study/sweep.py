@@ -19,6 +19,7 @@ from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
 from qocjax.store.memory import InMemory, Shelf
 from qocjax.study.chunks import CHUNK_STEPS, Engine, Part, Problem
+from qocjax.study.edges import edges_of
 from qocjax.study.engine import LocalEngine
 from qocjax.study.grid import Grid
 from qocjax.study.parts import PartRuns, run_part
@@ -233,6 +234,7 @@ def _judge(
             "collision_share": np.nan if k is None or k in evaluation.failed else runs["collided"].values[k].mean(),
             "diverged_share": np.nan if k is None or k in evaluation.failed else np.mean(~np.isfinite(cost)),
             "seeds": every.shape[1],
+            "at_edge": edges_of(results[results["sweep"] == sweep], point, policy),
         }  # fmt: skip
         if k is None:
             line["error"] = "every design diverged or failed"

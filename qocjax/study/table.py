@@ -73,7 +73,7 @@ def units_of(table: pd.DataFrame) -> dict[str, str]:
     """Unit of each column of a table of results or policies; 1 for shares, scores and counts."""
     plain = {name: name.removesuffix("_se") for name in table.columns}
     units = {name: UNITS.get(base, "1") for name, base in plain.items()}
-    text = {name: "" for name in table.columns if name in ("sweep", "policy", "error")}
+    text = {name: "" for name in table.columns if name in ("sweep", "policy", "error", "at_edge")}
     return units | text | {name: "unit of the swept parameter" for name in table.columns if name == "value"}
 
 

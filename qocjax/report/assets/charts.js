@@ -1,6 +1,6 @@
 // Charts: Plotly unpacked, each chart drawn when it is first seen or the browser is idle.
 
-const charts = { config: { displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] } };
+const charts = { config: { displaylogo: false, showSendToCloud: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d"] } };
 
 charts.load = async () => {
   const packed = atob(document.getElementById("plotly").textContent);
@@ -84,6 +84,7 @@ charts.views = (place, spec) => {
     group.append(button);
   });
   place.parentElement.querySelector("figcaption").append(group);
+  place.style.setProperty("--aside", `${group.offsetWidth + 8}px`);
 };
 
 charts.legend = (place) => {
