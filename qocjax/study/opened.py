@@ -61,7 +61,9 @@ def _table(folder: Path, name: str, digests: dict[str, str]) -> pd.DataFrame:
     if file == parquet:
         return pd.read_parquet(path)
     table = pd.read_csv(path)
-    return table.fillna({each: "" for each in ("at_edge", "error") if each in table})
+    for name in table.columns.intersection(["at_edge", "error"]):  # texts that may be empty
+        table[name] = table[name].astype(object).where(table[name].notna(), "")
+    return table
 
 
 def _runs(folder: Path, part: str, record: dict[str, Any]) -> xr.Dataset:
