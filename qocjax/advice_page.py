@@ -70,7 +70,7 @@ def _network_lines(advice: Advice) -> list[str]:
     )  # fmt: skip
     hangs = loop["delay_correlation"]
     return [
-        f"  loop times that arrive (ms): {percent}; lost: {loop['lost_share']:.2%}",
+        f"  loop times that arrive (ms): {percent}; never: {loop['lost_share']:.2%} (lost, or dropped at a busy edge)",
         f"  F({_ms(advice.recommended.deadline)} ms) = {f_best}, "
         f"F({_ms(advice.current.deadline)} ms) = {f_current}; rank correlation of successive delays: "
         + ("not defined" if hangs is None else f"{hangs:.2f}"),

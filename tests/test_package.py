@@ -214,7 +214,7 @@ def test_wheel_holds_configuration_tables_and_licence(wheel: Path) -> None:
     wanted |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "qocjax").rglob("*.py")}
     wanted |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "qocjax" / "report" / "assets").iterdir()}
     wanted |= {"qocjax/py.typed", "qocjax/network/tables/kth_5g.csv", "qocjax/network/tables/README.md"}
-    wanted |= {"qocjax/study/tables/choices.csv"}
+    wanted |= {"qocjax/study/tables/choices.csv", "qocjax/config/scales/paper.yaml"}
     assert {name for name in names if name.startswith("qocjax/")} == wanted
     assert any(name.endswith("licenses/LICENSE") for name in names)
 

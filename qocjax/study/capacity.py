@@ -28,11 +28,11 @@ def at_once_text(network: Network, load: Load, deadline: float) -> str:
         return f"{network.name}: it does not tell how many computations it had under way at once."
     edge = getattr(network, "edge", None)
     total = np.inf if edge is None else edge.total(load.num_robots)
-    limit = "an edge without limit" if edge is None or np.isinf(total) else f"{total:g} workers ({edge.discipline})"
-    return (
-        f"At τ = {1e3 * load.tau:g} ms {load.num_robots} robots have {_count(found.mean)} computations under way at "
-        f"once in the mean, {_count(found.peak)} at the peak, on {limit}."
-    )
+    limit = "an edge without limit"
+    if edge is not None and np.isfinite(total):
+        limit = f"{total:g} worker{'' if total == 1 else 's'} ({edge.discipline})"
+    robots = f"{load.num_robots} robot{' has' if load.num_robots == 1 else 's have'}"
+    return f"At τ = {1e3 * load.tau:g} ms {robots} {_count(found.mean)} computations under way at once in the mean, {_count(found.peak)} at the peak, on {limit}."
 
 
 def overload_texts(network: Network, load: Load, deadline: float) -> list[str]:
