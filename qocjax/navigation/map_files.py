@@ -59,7 +59,7 @@ def read_map(path: str | Path, trinary_costmap: bool = True, release: str = "jaz
     except (OSError, ValueError):  # a name that is too long, or holds a NUL
         found = False
     if not found:
-        raise ValueError(f"{values.at('image')}: found no file {_shown(str(image))}")
+        raise ValueError(f"{values.at('image')}: found no file {_shown(values.text('image'))} in {path.parent}")
     shade, opacity = _pixels(image)
     rule = _occupancy if release == "jazzy" else _occupancy_humble
     occupancy = rule(shade, opacity, negate, mode, (occupied, free))[::-1]  # the first row of an image is its top
