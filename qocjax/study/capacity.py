@@ -32,7 +32,11 @@ def at_once_text(network: Network, load: Load, deadline: float) -> str:
     if edge is not None and np.isfinite(total):
         limit = f"{total:g} worker{'' if total == 1 else 's'} ({edge.discipline})"
     robots = f"{load.num_robots} robot{' has' if load.num_robots == 1 else 's have'}"
-    return f"At τ = {1e3 * load.tau:g} ms {robots} {_count(found.mean)} computations under way at once in the mean, {_count(found.peak)} at the peak, on {limit}."
+    mean, peak = _count(found.mean), _count(found.peak)
+    return (
+        f"At τ = {1e3 * load.tau:g} ms {robots} {mean} computations under way at once in the mean, {peak} at the peak, "
+        f"on {limit}."
+    )
 
 
 def overload_texts(network: Network, load: Load, deadline: float) -> list[str]:
