@@ -78,7 +78,7 @@ def contention(network: object, taus: np.ndarray, deadlines: np.ndarray) -> tupl
     import jax.numpy as jnp
 
     from qocjax.batch.drawing import draw_length, draw_seeds
-    from qocjax.network.contention import contend, source_of
+    from qocjax.network.contention import contended_times, source_of
     from qocjax.network.interface import general_length
     from qocjax.scenario import num_ticks
 
@@ -91,7 +91,7 @@ def contention(network: object, taus: np.ndarray, deadlines: np.ndarray) -> tupl
             length, period = draw_length(network, ticks, float(tau), general_length(ticks))
             drawn = draw_seeds(start, (0.1, 0.1), source_of(network), seeds, np.int32(0), length, period)
             limits = deadlines if network.uses_deadline else np.zeros(1)
-            jax.block_until_ready(contend(network, drawn.network, ticks, float(tau), limits).loop_times)
+            jax.block_until_ready(contended_times(network, drawn.network, ticks, float(tau), limits))
         return time.perf_counter() - begin
 
     first = once()

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from qocjax.network.contention import contend
+from qocjax.network.contention import contended_times
 from qocjax.network.interface import Network, SharedNetwork
 
 __all__ = ["Chance", "draw_length", "draw_seeds", "loops_of"]
@@ -77,4 +77,4 @@ def loops_of(network: Network, drawn: Any, num_ticks: int, tau: float, deadline:
     """Loop times [S, P, N] s at one deadline, whatever the network."""
     if not isinstance(network, SharedNetwork):
         return drawn
-    return contend(network, drawn, num_ticks, tau, [deadline]).loop_times[0]
+    return contended_times(network, drawn, num_ticks, tau, [deadline])[0]

@@ -17,7 +17,7 @@ from qocjax.batch.drawing import Chance, draw_length, draw_seeds
 from qocjax.batch.layout import Batch, Group
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
-from qocjax.network.contention import contend, source_of
+from qocjax.network.contention import contended_times, source_of
 from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
@@ -132,7 +132,7 @@ class Runner:
     def _contend(self, network: SharedNetwork, batch: Batch, chance: Chance, limits: np.ndarray) -> np.ndarray:
         """Loop times [D, S, P, N] s at some deadlines."""
         group = batch.group
-        return np.asarray(contend(network, chance.network, group.ticks, group.tau, limits).loop_times)
+        return np.asarray(contended_times(network, chance.network, group.ticks, group.tau, limits))
 
     def _limits(self, group: Group) -> tuple[np.ndarray, int]:
         """Deadlines whose loop times are worked out together with those of a group, and where its own is.

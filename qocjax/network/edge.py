@@ -51,10 +51,15 @@ class Edge:
     def __post_init__(self) -> None:
         _checks.choice("Edge.discipline", self.discipline, ("unlimited", *DISCIPLINES))
         object.__setattr__(self, "workers", _checks.count("Edge.workers", self.workers))
-        object.__setattr__(self, "room", max(_ROOM, 1 << (self.workers - 1).bit_length()) if self.finite else 0)
+        object.__setattr__(self, "room", self._room() if self.finite else 0)
         for name in ("per_robot", "abort"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"Edge.{name}: got {getattr(self, name)!r}, expected True or False")
+
+    def _room(self) -> int:
+        """Workers that a program has room for: a power of two; one for many edges, but where deadlines multiply it."""
+        least = 1 if self.abort else _ROOM
+        return max(least, 1 << (self.workers - 1).bit_length())
 
     @property
     def finite(self) -> bool:
