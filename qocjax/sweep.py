@@ -28,7 +28,7 @@ from qocjax.simulate import Run
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.store.files import digest_of
 from qocjax.store.provenance import change_of
-from qocjax.store.study_folder import RECORD, ChunkFolder, study_folder
+from qocjax.store.study_folder import RECORD, ChunkFolder, read_record, study_folder
 from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
@@ -115,12 +115,6 @@ def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFo
 
 def _note(text: str) -> None:
     tqdm.write(f"note: {text}", file=sys.stderr)
-
-
-def study_capacity(study: Study, config: StudyConfig) -> str:
-    """How many computations at once the study takes for granted."""
-    problem = config.build_problem()
-    return at_once_text(problem.network, *usual_load(study, problem))
 
 
 def hanging_text(study: Study, config: StudyConfig) -> str:
@@ -249,7 +243,7 @@ def main(cfg: DictConfig) -> None:
     if lines := tie_lines(study.policies):
         print("\nNot told apart by the seeds of the choice, of which Co-design takes the largest mean:")
         print("\n".join(f"  {line}" for line in lines))
-    print(f"\n{study_capacity(study, config)}")
+    print(f"\n{read_record(folder)['computations_at_once']}")
     print(scale_text(scale, "given" if config.scale() else "of this study", columns=True))
     if text := hanging_text(study, config):
         print(text)

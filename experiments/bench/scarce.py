@@ -77,8 +77,8 @@ def contention(network: object, taus: np.ndarray, deadlines: np.ndarray) -> tupl
     import jax
     import jax.numpy as jnp
 
-    from qocjax.batch.drawing import draw_length, draw_seeds
-    from qocjax.network.contention import contended_times, source_of
+    from qocjax.batch.drawing import draw_seeds
+    from qocjax.network.contention import contended_times, draw_length, source_of
     from qocjax.network.interface import general_length
     from qocjax.scenario import num_ticks
 

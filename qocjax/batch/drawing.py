@@ -12,7 +12,7 @@ from jax import Array
 from qocjax.network.contention import contended_times
 from qocjax.network.interface import Network, SharedNetwork
 
-__all__ = ["Chance", "draw_length", "draw_seeds", "loops_of"]
+__all__ = ["Chance", "draw_seeds", "loops_of"]
 
 
 class Chance(NamedTuple):
@@ -58,19 +58,6 @@ def draw_seeds(
         return Chance(start + noise * spread[None, :], drawn, jax.random.key_data(jax.random.fold_in(of_seed, 2)))
 
     return jax.vmap(draw)(seeds)
-
-
-def draw_length(network: Network, ticks: int, tau: float, length: int) -> tuple[int, float]:
-    """For how many ticks, at what sampling period, a run is drawn: one program serves many where rows stand alone.
-
-    Args:
-        network: Where loop times come from.
-        ticks: P of the run.
-        tau: Its sampling period (s).
-        length: Ticks of the program to be shared.
-    """
-    stable = getattr(network, "prefix_stable", False) and getattr(jax.config, "jax_threefry_partitionable", True)
-    return (length, 1.0) if stable else (ticks, tau)
 
 
 def loops_of(network: Network, drawn: Any, num_ticks: int, tau: float, deadline: float) -> Array:

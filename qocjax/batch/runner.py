@@ -13,11 +13,11 @@ from jax import Array
 from qocjax._math import EXACT, AngleMath, angle_math
 from qocjax._once import Once
 from qocjax._xla import compiled
-from qocjax.batch.drawing import Chance, draw_length, draw_seeds
+from qocjax.batch.drawing import Chance, draw_seeds
 from qocjax.batch.layout import Batch, Group
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
-from qocjax.network.contention import contended_times, source_of
+from qocjax.network.contention import contended_times, draw_length, source_of
 from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm

@@ -14,7 +14,7 @@ from qocjax._once import Once
 from qocjax._xla import compiled
 from qocjax.network.interface import Contended, Network, SharedNetwork
 
-__all__ = ["contend", "contended_times", "source_of"]
+__all__ = ["contend", "contended_times", "draw_length", "source_of"]
 
 _programs: Once[jax.stages.Compiled] = Once()  # of this process, each for one device
 
@@ -22,6 +22,19 @@ _programs: Once[jax.stages.Compiled] = Once()  # of this process, each for one d
 def source_of(network: Network) -> Network:
     """A network with the same draws, equal for all that differ in what only `contend` reads."""
     return getattr(network, "drawn_as", network)
+
+
+def draw_length(network: Network, ticks: int, tau: float, length: int) -> tuple[int, float]:
+    """For how many ticks, at what sampling period, a run is drawn: one program serves many where rows stand alone.
+
+    Args:
+        network: Where loop times come from.
+        ticks: P of the run.
+        tau: Its sampling period (s).
+        length: Ticks of the program to be shared.
+    """
+    stable = getattr(network, "prefix_stable", False) and getattr(jax.config, "jax_threefry_partitionable", True)
+    return (length, 1.0) if stable else (ticks, tau)
 
 
 def contend(network: SharedNetwork, drawn: Any, num_ticks: int, tau: float, deadline: Any) -> Contended:

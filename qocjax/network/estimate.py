@@ -11,7 +11,7 @@ from jax import Array
 
 from qocjax.network._fields import no_nan
 from qocjax.network.completion import completes, latest
-from qocjax.network.contention import contend, source_of
+from qocjax.network.contention import contend, draw_length, source_of
 from qocjax.network.interface import Load, Network, Reliability, SharedNetwork, general_length
 
 __all__ = ["SEEDS", "draw_parts", "simulated", "usage"]
@@ -89,9 +89,7 @@ def _contended(
 
 def draw_parts(network: Network, load: Load) -> Any:
     """What chance decides of the runs behind an estimate, each leaf [S, ...]; it may hold more ticks than the load."""
-    ticks, tau = load.num_ticks, load.tau
-    if getattr(network, "prefix_stable", False):
-        ticks, tau = general_length(ticks), 1.0  # one program for many sampling periods
+    ticks, tau = draw_length(network, load.num_ticks, load.tau, general_length(load.num_ticks))
     keys = jax.random.split(jax.random.key(0), SEEDS)
     return _draw(source_of(network), keys, ticks, load.num_robots, tau)
 

@@ -24,7 +24,6 @@ __all__ = [
     "SharedNetwork",
     "exactly",
     "general_length",
-    "is_shared",
     "loop_times",
 ]
 
@@ -175,11 +174,6 @@ class SharedNetwork(Network, Protocol):
             deadline: [D] s.
         """
         ...
-
-
-def is_shared(network: Network) -> bool:
-    """Whether the network's loops compete, so that what it draws are no loop times yet."""
-    return isinstance(network, SharedNetwork)
 
 
 def general_length(ticks: int) -> int:

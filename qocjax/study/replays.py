@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from qocjax.batch.drawing import draw_length, draw_seeds, loops_of
+from qocjax.batch.drawing import draw_seeds, loops_of
 from qocjax.controllers import Controller
+from qocjax.network.contention import draw_length
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks

@@ -11,9 +11,10 @@ import xarray as xr
 
 from qocjax.batch.evaluate import UNITS
 from qocjax.network.interface import Reliability
-from qocjax.quality import QocScale, qoc
+from qocjax.quality import QocScale
 from qocjax.scenario import Design
 from qocjax.study.grid import Grid
+from qocjax.study.scores import seed_scores
 from qocjax.study.statistics import standard_error
 
 __all__ = ["qoc_by_seed", "results_table", "sound", "units_of"]
@@ -28,7 +29,7 @@ _BLOCK = 1 << 21
 def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
     """QoC of each design and seed, [G, S]: mean over robots; a diverged run counts as the largest AUC."""
     auc = runs["auc"].values.astype(np.float64)
-    return np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc), scale)).mean(axis=-1)
+    return seed_scores(np.where(np.isnan(auc), np.inf, auc), scale)
 
 
 def results_table(

@@ -12,7 +12,7 @@ from scipy import special
 
 from qocjax.quality import QocScale
 from qocjax.study.grid import Grid
-from qocjax.study.scores import seed_scores
+from qocjax.study.table import qoc_by_seed
 
 __all__ = ["tie_columns", "tie_lines"]
 
@@ -76,8 +76,7 @@ def _ties(
 
 def _equal(runs: xr.Dataset, grid: Grid, rows: np.ndarray, chosen: int, scale: QocScale) -> np.ndarray:
     """Which rows [K] cannot be told from the chosen one of them."""
-    auc = runs["auc"].isel(design=grid.design[rows]).values.astype(np.float64)
-    scores = seed_scores(np.where(np.isnan(auc), np.inf, auc), scale)
+    scores = qoc_by_seed(runs.isel(design=grid.design[rows]), scale)
     gap = scores - scores[chosen]
     seeds = gap.shape[1]
     half = float(special.stdtrit(seeds - 1, 0.975)) * gap.std(axis=1, ddof=1) / np.sqrt(seeds)
