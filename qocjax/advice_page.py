@@ -8,6 +8,7 @@ import pandas as pd
 from qocjax._command import printed_unit
 from qocjax.quality import qoc
 from qocjax.study.advice import Advice, plain
+from qocjax.study.edges import bounds_text
 from qocjax.study.margins import Bound
 from qocjax.study.reliability import share_text
 from qocjax.study.scales import scale_text
@@ -37,6 +38,7 @@ def page(advice: Advice) -> str:
         _table(advice.judged, {"gain": "gain over current [95 %]"}),
         *_current_lines(advice),
         _tie_line(ties),
+        *([f"  {text}"] if (text := bounds_text(advice.at_edge)) else []),
         *_doubts(advice),
         "",
         f"MARGIN  QoC stays within {advice.margin.share:.0%} of its best for deadlines from "
@@ -48,7 +50,7 @@ def page(advice: Advice) -> str:
         _table(advice.stress, {"change": "change [95 %]"}),
         *_cliff(advice),
         "",
-        scale_text(advice.scale, "of your gains over the deadlines tried, or given"),
+        scale_text(advice.scale, "of your gains over the deadlines tried, or given", True),
         f"1 would be perfect, {float(qoc(advice.scale.largest, advice.scale)):.3f} is the worst.",
         f"Chosen on {advice.seeds['search']} seeds, judged on {advice.seeds['fresh']} fresh ones; "
         f"{advice.simulations} simulations.",
@@ -76,6 +78,7 @@ def _network_lines(advice: Advice) -> list[str]:
         + ("not defined" if hangs is None else f"{hangs:.2f}"),
         f"  at {_ms(advice.recommended.deadline)} ms {bursts}",
         f"  {advice.capacity}",
+        *([f"  NOTE: {advice.trace}"] if advice.trace else []),
     ]
 
 
@@ -180,13 +183,18 @@ def _table(rows: pd.DataFrame, difference: dict[str, str]) -> str:
         {
             "": rows["what"],
             "deadline (ms)": rows["deadline"].map(_ms),
-            "QoC": rows["qoc"].map("{:.4f}".format),
+            "QoC [with J_med's error]": [
+                f"{row.qoc:.4f} [{row.qoc_whole_low:.4f}, {row.qoc_whole_high:.4f}]" for row in rows.itertuples()
+            ],
             title: [
                 f"{row[name]:+.4f} [{row[f'{name}_low']:+.4f}, {row[f'{name}_high']:+.4f}]" if k else ""
                 for k, (_, row) in enumerate(rows.iterrows())
             ],
             "loops completed": rows["completed_share"].map("{:.1%}".format),
-            "collisions": rows["collision_share"].map("{:.1%}".format),
+            "collisions [95 %]": [
+                f"{row.collision_share:.1%} [{row.collision_low:.1%}, {row.collision_high:.1%}]"
+                for row in rows.itertuples()
+            ],
         }
     )  # fmt: skip
     return "\n".join("  " + line for line in shown.to_string(index=False).splitlines())

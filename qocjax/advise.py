@@ -65,14 +65,15 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
 def advice_values(advice: Advice) -> dict:
     """The advice as plain values, in SI units unless a name says otherwise; None where there is nothing to say."""
     found = {
-        "recommended": advice.recommended, "current": advice.current, "current_policy": advice.policy,
+        "recommended": advice.recommended, "at_edge": advice.at_edge, "current": advice.current,
+        "current_policy": advice.policy,
         "max_collision_share": advice.max_collision_share,
-        "network": advice.network, "computations_at_once": advice.capacity, "loop": advice.character,
-        "judged": advice.judged, "stress": advice.stress,
+        "network": advice.network, "trace": advice.trace, "computations_at_once": advice.capacity,
+        "loop": advice.character, "judged": advice.judged, "stress": advice.stress,
         "margin": advice.margin, "current_margin": advice.current_margin, "ties": advice.ties,
         "slack": advice.slack and {name: getattr(advice.slack, name) for name in _SLACK},
         "growth": advice.growth, "elasticities": advice.elasticities, "sobol": advice.sobol,
-        "j_med": advice.scale.median, "j_max": advice.scale.largest,
+        "j_med": advice.scale.median, "j_med_se": advice.scale.median_se, "j_max": advice.scale.largest,
         "seeds": advice.seeds, "simulations": advice.simulations,
     }  # fmt: skip
     return plain(found)

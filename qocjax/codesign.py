@@ -16,17 +16,20 @@ from qocjax import _checks
 from qocjax._command import command, output_dir, printed_unit
 from qocjax.config import load
 from qocjax.config.codesign import CodesignConfig
+from qocjax.config.scale import yardstick
 from qocjax.figures.codesign import draw_codesign
 from qocjax.quality import QocScale
 from qocjax.scenario import Design
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.capacity import at_once_text
+from qocjax.study.edges import bounds_text
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.pareto import demand_front, worker_front
 from qocjax.study.reliability import load_of
 from qocjax.study.scales import scale_text
 from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
 from qocjax.study.search.limits import DEMANDS
+from qocjax.study.units import trace_remark
 
 __all__ = ["Codesign", "main", "run", "summary"]
 
@@ -138,6 +141,7 @@ def summary(found: Codesign, measure: str = "mean") -> str:
     for parameter in ("v_max", "eta", "kappa", "gamma", "c_miss", "tau"):
         table[parameter] = rows[parameter].map("{:.3g}".format)
     table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)
+    table["[with J_med's error]"] = [f"[{r.score_whole_low:.4f}, {r.score_whole_high:.4f}]" for r in rows.itertuples()]
     lines = [table.to_string(index=False), ""]
     design = ", ".join(
         f"{item.name} = {best[item.name]:.4g} {printed_unit(item.name)}".strip() for item in fields(Design)
@@ -163,6 +167,8 @@ def summary(found: Codesign, measure: str = "mean") -> str:
         lines.append("No other design that was looked at ties with it on these seeds." if others < 1 else
                      f"{others} other design{'s' if others > 1 else ''} cannot be told from it on these seeds "
                      "(ties.csv).")  # fmt: skip
+        if text := bounds_text(best["at_edge"]):
+            lines.append(text)
     return "\n".join(lines)
 
 
@@ -187,7 +193,10 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
         "method": best["method"],
         "kept_limits_at_choice": bool(best["kept_at_choice"]),
         "kept_limits_on_fresh_seeds": bool(best["feasible"]),
+        "at_edge": best["at_edge"],
+        "yardstick": yardstick(problem.objective.scenario),
         "j_med": found.scale.median,
+        "j_med_se": found.scale.median_se,
         "j_max": found.scale.largest,
         "first_seeds": FIRST,
         "simulations": found.simulations,
@@ -206,7 +215,9 @@ def main(cfg: DictConfig) -> None:
     found = run(config, folder)
     print(summary(found, config.search.measure))
     print(f"\n{capacity_text(found, config)}")
-    print(scale_text(found.scale, "given" if config.scale() else "of the baseline over the deadline axis"))
+    if text := trace_remark(config.build_network(), found.contest.chosen["deadline"]):
+        print(f"note: {text}")
+    print(scale_text(found.scale, "given" if config.scale() else "of the baseline over the deadline axis", True))
     print(f"Tables, figures and the record are in {folder}")
 
 

@@ -21,6 +21,7 @@ from qocjax.report import write_comparison_report
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study import open_study
 from qocjax.study.comparison import Comparison, compare
+from qocjax.study.scales import scale_text
 
 __all__ = ["as_options", "comparison_text", "main", "run"]
 
@@ -48,6 +49,7 @@ def _write(found: Comparison, config: CompareConfig, folders: dict[str, Path], f
     write_config(folder, config.model_dump())
     record = {
         "j_med": found.scale.median,
+        "j_med_se": found.scale.median_se,
         "j_max": found.scale.largest,
         "studies": {name: str(each.resolve()) for name, each in folders.items()},
         "notes": found.notes,
@@ -109,9 +111,7 @@ def _main(cfg: DictConfig) -> None:
     folder = output_dir()
     found = run(config, folder)
     print(comparison_text(found.table))
-    print(
-        f"\nQoC is relative to J_med = {found.scale.median:.4g} s and J_max = {found.scale.largest:.4g} s of all runs."
-    )
+    print(f"\n{scale_text(found.scale, 'of all runs', True)}")
     for note in found.notes:
         print(f"note: {note}")
     print(f"Table, figure and report.html are in {folder}")

@@ -42,6 +42,7 @@ from qocjax.study.scales import scale_text
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
 from qocjax.study.ties import tie_lines
+from qocjax.study.units import study_remark, units_in
 
 __all__ = ["main", "policy_text", "run"]
 
@@ -212,6 +213,7 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
         "j_med_se": study.scale.median_se,
         "j_max": study.scale.largest,
         "seeds": {"selection": [selection.start, selection.stop], "evaluation": [evaluation.start, evaluation.stop]},
+        "units": _stretches(study),
         "key": config.key,
         "network": problem.network.describe(),
         "computations_at_once": at_once_text(problem.network, *usual_load(study, problem)),
@@ -223,6 +225,12 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
         "chunks": list(study.chunks),
     }
     write_json(folder / RECORD, record | provenance())
+
+
+def _stretches(study: Study) -> dict[str, list[int]]:
+    """Labels of the seeds of both parts, where seeds share stretches of a trace."""
+    parts = {"selection": study.runs, "evaluation": study.evaluation}
+    return {name: units_in(runs).tolist() for name, runs in parts.items() if "stretch" in runs.coords}
 
 
 @command("sweep")
@@ -245,6 +253,8 @@ def main(cfg: DictConfig) -> None:
         print("\n".join(f"  {line}" for line in lines))
     print(f"\n{read_record(folder)['computations_at_once']}")
     print(scale_text(scale, "given" if config.scale() else "of this study", columns=True))
+    if text := study_remark(config.build_network(), study.policies):
+        print(f"note: {text}")
     if text := hanging_text(study, config):
         print(text)
     print(f"Tables, figures and the record are in {folder}")

@@ -13,16 +13,21 @@ from tqdm import tqdm
 
 from qocjax._command import command, output_dir
 from qocjax.config import load
+from qocjax.config.scale import yardstick
 from qocjax.config.tune import TuneConfig
 from qocjax.figures.save import save
 from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.study.edges import bounds_text
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.reliability import share_text
 from qocjax.study.scales import scale_text
 from qocjax.study.tuning import Slopes, Tuning, tune
+from qocjax.study.units import trace_remark
 
 __all__ = ["design_text", "landscape", "main", "run"]
+
+_SCORES = ("qoc", "qoc_se", "qoc_whole_se")
 
 
 def run(config: TuneConfig, folder: Path | None = None, *, quiet: bool = False) -> Tuning:
@@ -89,7 +94,8 @@ def design_text(tuning: Tuning) -> str:
         "F(Δ)": [*map(share_text, best["reliability"], best["reliability_se"])],
     }
     shown |= {name: best[name].map("{:.3g}".format) for name in tuning.problem.bounds.names}
-    shown["QoC ± SE"] = [f"{q:.4f} ± {se:.4f}" for q, se in zip(best["qoc"], best["qoc_se"], strict=True)]
+    shown["QoC ± SE (with J_med's)"] = [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})"
+                                        for r in best.itertuples()]  # fmt: skip
     shown["gain over the baseline [95 %]"] = [
         f"{row.gain:+.4f} [{row.gain_low:+.4f}, {row.gain_high:+.4f}]" for row in best.itertuples()
     ]
@@ -106,7 +112,10 @@ def _write(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
     record = {
         "j_med": objective.scale.median,
         "j_max": objective.scale.largest,
-        "chosen": {name: float(chosen[name]) for name in ("deadline", *tuning.problem.bounds.names, "qoc", "qoc_se")},
+        "j_med_se": objective.scale.median_se,
+        "yardstick": yardstick(objective.scenario),
+        "chosen": {name: float(chosen[name]) for name in ("deadline", *tuning.problem.bounds.names, *_SCORES)},
+        "at_edge": chosen["at_edge"],
         "simulations": tuning.simulations,
         "dropped_derivatives": tuning.dropped,
         "stopped_early": tuning.stopped_early,
@@ -134,8 +143,12 @@ def main(cfg: DictConfig) -> None:
     tuning = run(config, folder)
     print(design_text(tuning))
     scale, spent = tuning.problem.objective.scale, tuning.simulations
-    print(f"\n{scale_text(scale, 'given' if config.scale() else 'of the baseline over the deadline axis')}")
+    print(f"\n{scale_text(scale, 'given' if config.scale() else 'of the baseline over the deadline axis', True)}")
     print(f"{spent['search']} simulations to search, {spent['selection']} to choose, {spent['evaluation']} to judge.")
+    if text := trace_remark(tuning.problem.objective.network, tuning.chosen["deadline"]):
+        print(f"note: {text}")
+    if text := bounds_text(tuning.chosen["at_edge"]):
+        print(text)
     if tuning.stopped_early:
         print(f"Stopped after {tuning.trace['step'].max() + 1} of {config.tune.steps} steps: QoC had stopped growing.")
     if tuning.dropped:

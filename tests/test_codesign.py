@@ -24,6 +24,7 @@ from qocjax.network import Constant, Edge, LoopNetwork, Reliability, with_edge
 from qocjax.network.demand import Demand, Traffic
 from qocjax.study.objective import Objective
 from qocjax.study.pareto import demand_front, on_front, worker_front
+from qocjax.study.scores import Scores
 from qocjax.study.search import (
     METHODS,
     BudgetSpentError,
@@ -45,6 +46,11 @@ TAUS = (0.01, 0.02, 0.05, 0.1)
 BEST = np.array([0.3, 0.7, 0.4, 0.55, 0.375])  # of the toy, in the unit cube: tau is the second of four
 
 
+def plain(values: np.ndarray) -> Scores:
+    """Scores on a scale that is known."""
+    return Scores(values, np.zeros_like(values), QocScale(1.0, 10.0))
+
+
 @dataclass(frozen=True)
 class Toy(Problem):
     """QoC is a bowl around BEST with noise that all designs of a seed share in part; eta below 0.8 collides."""
@@ -55,6 +61,10 @@ class Toy(Problem):
         miss = ((unit_of(designs) - BEST) ** 2).sum(axis=1)
         scores = 0.9 - 0.5 * miss[:, None] + noise[0] + noise[1] * np.sin(40 * miss)[:, None]
         return scores, np.repeat(np.asarray(designs.eta)[:, None] < 0.8, len(seeds), axis=1)
+
+    def judged(self, designs: Design, seeds: range) -> tuple[Scores, np.ndarray]:
+        scores, collided = self.simulate(designs, seeds)
+        return plain(scores), collided
 
 
 class ToyTrial(Trial):
@@ -190,14 +200,28 @@ def test_cvar_is_the_mean_of_the_worst_part() -> None:
     normal = np.random.default_rng(1).normal(size=200_000)
     np.testing.assert_allclose(Measure("cvar", 0.1)(normal), -stats.norm.pdf(stats.norm.ppf(0.1)) / 0.1, rtol=1e-2)
     a, b = np.random.default_rng(2).normal(size=(2, 400))
-    gap = Measure("cvar", 0.2).difference(a + 1.0, a)
+    gap = Measure("cvar", 0.2).difference(plain(a + 1.0), plain(a)).given
     np.testing.assert_allclose([gap.mean, gap.low, gap.high], 1.0)  # paired: what both owe to the seed cancels
-    found = Measure("cvar", 0.2).difference(a, b)
+    found = Measure("cvar", 0.2).difference(plain(a), plain(b)).given
     assert found.low < 0 < found.high and 0.1 < found.se < 0.4
-    student = Measure().interval(a)
+    student = Measure().interval(plain(a)).given
     np.testing.assert_allclose([student.low, student.high], stats.t.interval(0.95, 399, a.mean(), stats.sem(a)))
     with pytest.raises(ValueError, match="shape"):
-        Measure("cvar").difference(a, b[:5])
+        Measure("cvar").difference(plain(a), plain(b[:5]))
+
+
+def test_cvar_knows_the_error_of_its_scale() -> None:
+    """The error of J_med counts by how the worst seeds move with it, and a difference of two by the difference."""
+    a = np.random.default_rng(3).normal(0.5, 0.1, 400)
+    scale = QocScale(2.0, 10.0, median_se=0.2)
+    scores = Scores(a, np.where(a < np.quantile(a, 0.2), 0.3, 7.0), scale)
+    found = Measure("cvar", 0.2).interval(scores)
+    assert found.whole.se == pytest.approx(np.hypot(found.given.se, 0.3 * 0.2 / 2.0))
+    assert (found.whole.high - found.whole.mean) / (found.given.high - found.given.mean) == pytest.approx(
+        found.whole.se / found.given.se
+    )
+    shifted = Scores(a + 1.0, scores.slopes, scale)
+    assert Measure("cvar", 0.2).difference(shifted, scores).whole.se == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(("method", "least"), [("random", 0.80), ("sobol", 0.84), ("cma_es", 0.895)])

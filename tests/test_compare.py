@@ -85,7 +85,8 @@ def test_the_scale_is_that_of_all_runs(studies: dict[str, Study]) -> None:
     names = ("held", "stopped", "other key")
     auc = np.concatenate([studies[name].runs["auc"].values.ravel() for name in names])
     largest = max(studies[name].scale.largest for name in names)
-    assert compare(pick(studies, *names)).scale == QocScale(QocScale.of(auc).median, largest)
+    scale = compare(pick(studies, *names)).scale
+    assert (scale.median, scale.largest) == (QocScale.of(auc).median, largest) and scale.median_se > 0
 
 
 def test_scores_and_paired_differences_are_those_by_hand(studies: dict[str, Study]) -> None:

@@ -121,6 +121,9 @@ class Formula:
         noise = 1 + 0.1 * np.random.default_rng(1).normal(size=len(seeds))
         return self.formula(designs)[:, None] * noise
 
+    def units(self, seeds) -> np.ndarray:
+        return np.asarray(seeds)
+
 
 def test_elasticities_of_a_power_law() -> None:
     objective = Formula(lambda d: 0.3 * np.asarray(d.kappa) ** 0.5 * np.asarray(d.gamma) ** -0.2 * (1 + 0 * d.eta))

@@ -45,7 +45,7 @@ def test_parts_are_the_whole() -> None:
     auc = np.exp(np.random.default_rng(1).normal(1.0, 0.8, (10, 16, 2)))
     auc[3, 4, 1] = np.inf
     parts = [(slice(0, 8), auc[:, :8]), (slice(8, 16), auc[:4, 8:]), (slice(8, 16), auc[4:, 8:])]
-    assert measured_scale(lambda: parts, 16, SCENARIO, "runs") == scale_of_runs(auc, SCENARIO, "runs")
+    assert measured_scale(lambda: parts, np.arange(16), None) == scale_of_runs(auc, SCENARIO, "runs")
     whole = scale_of_runs(auc, SCENARIO)
     assert whole.largest == standing_still(SCENARIO) and whole.median == np.median(auc[np.isfinite(auc)])
     assert "known to ±" in scale_text(whole, "of this study") and "known" not in scale_text(QocScale(1.0, 2.0), "given")

@@ -16,11 +16,15 @@ from numpy.typing import ArrayLike
 
 from qocjax.network._fields import delay_array, no_nan, store_float
 from qocjax.network.completion import latest
+from qocjax.network.correlation import correlation_rows
 from qocjax.network.empirical import Empirical
 from qocjax.network.interface import Load, Reliability, exactly
 
 __all__ = ["Trace", "faster_than_measured"]
 
+_STRETCHES = (4, 20)  # fewer say nothing of how they differ, more tell little more
+_LENGTH = 5.0  # correlation lengths in a stretch
+_LEAST = 100  # rows of a stretch
 _NEAR = 0.97  # of the measured period; a sampling period that much shorter is the same rate
 
 
@@ -28,7 +32,11 @@ _NEAR = 0.97  # of the measured period; a sampling period that much shorter is t
 class Trace:
     """Measured loop times, one after the other.
 
-    Every Monte Carlo seed and robot starts at a random place of its own, and goes on at the start where the trace ends.
+    The trace is cut into stretches, each long against the time over which its loops hang together. Every Monte Carlo
+    seed takes one at random: its robots start there, each at a random place of its own, read on beyond its end, and go
+    on at the start where the trace ends. So a seed sees the network of one time, and how stretches differ tells how
+    another measurement of the same network would (`stretch`).
+
     Loop p takes row p, however long the measurement waited between rows, unless `period` says how long: then it takes
     the row measured p * tau after the start, so that bursts keep their length in seconds.
     """
@@ -47,17 +55,31 @@ class Trace:
     def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
         """Replays the trace for one Monte Carlo seed: loop times [P, N] (s), inf where lost.
 
-        Robots start in different parts of the trace, at different rows if there are enough. Warns, once in the life of
+        Robots start in different parts of a stretch, at different rows if there are enough. Warns, once in the life of
         a trace, if the run is longer than the trace, which then comes round again.
         """
         rows = jnp.asarray(self.delays, jnp.result_type(float))
         steps = self._steps(num_ticks, tau)
         self._warn_if_shorter(int(steps[-1]) + 1)
-        of_seed, of_robots = jax.random.split(key)
-        part = max(rows.size // num_robots, 1)
-        start = jax.random.randint(of_seed, (), 0, rows.size) + jnp.arange(num_robots) * part
-        start += jax.random.randint(of_robots, (num_robots,), 0, part)
+        _, of_robots = jax.random.split(key)
+        row, begin, size = self._places(key)
+        part = jnp.maximum(size // num_robots, 1)
+        apart = jnp.arange(num_robots) * part + jax.random.randint(of_robots, (num_robots,), 0, part)
+        start = begin + (row - begin + apart) % size
         return rows[((steps % rows.size)[:, None] + start[None, :]) % rows.size]
+
+    @cached_property
+    def stretches(self) -> int:
+        """Number of stretches; 1 where the trace is too short to say how another of the network would differ."""
+        rows = np.size(self.delays)
+        fewest, most = _STRETCHES
+        number = min(int(rows // max(_LENGTH * correlation_rows(self.delays), _LEAST)), most)
+        return number if number >= fewest else 1
+
+    def stretch(self, keys: Array) -> np.ndarray:
+        """Which stretch each Monte Carlo seed takes, [S], by its key."""
+        begin = jax.vmap(lambda key: self._places(key)[1])(keys)
+        return np.searchsorted(self._edges, np.asarray(begin), side="right") - 1
 
     def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
         """Returns the share of the loops of the trace that complete by `deadline` (s), whatever the load.
@@ -75,6 +97,18 @@ class Trace:
     @cached_property
     def _law(self) -> Empirical:
         return Empirical(self.delays, self.source)
+
+    @cached_property
+    def _edges(self) -> np.ndarray:
+        """First row of each stretch, and the number of rows."""
+        return np.arange(self.stretches + 1) * np.size(self.delays) // self.stretches
+
+    def _places(self, key: Array) -> tuple[Array, Array, Array]:
+        """A row that a seed takes, and where its stretch begins and how many rows it has."""
+        row = jax.random.randint(jax.random.split(key)[0], (), 0, np.size(self.delays))
+        edges = jnp.asarray(self._edges)
+        place = jnp.searchsorted(edges, row, side="right") - 1
+        return row, edges[place], edges[place + 1] - edges[place]
 
     def _steps(self, num_ticks: int, tau: float) -> np.ndarray:
         """Rows between the start and each tick, [P]."""

@@ -20,6 +20,7 @@ from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
 from qocjax.study.sweep import Study
+from qocjax.study.units import study_remark
 
 __all__ = ["study_page"]
 
@@ -53,7 +54,9 @@ def study_page(
         scale=study.scale,
         network=problem.network.name,
         completion=_completion(study, problem, deadlines),
-        about=_about(problem) | {"Computations at once": at_once_text(problem.network, *usual_load(study, problem))},
+        about=_about(problem)
+        | {"Computations at once": at_once_text(problem.network, *usual_load(study, problem))}
+        | ({"The trace": remark} if (remark := study_remark(problem.network, study.policies)) else {}),
         config="" if options is None else OmegaConf.to_yaml(OmegaConf.create(dict(options))),
         record=json.dumps(list(study.made_with), indent=2, ensure_ascii=False),
         replays=replays,

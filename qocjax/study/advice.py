@@ -17,6 +17,7 @@ from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
 from qocjax.study.capacity import at_once_text
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
+from qocjax.study.edges import at_bounds
 from qocjax.study.margins import Bound, Margin, deadline_margin
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.policies import MIN_RELIABILITY
@@ -25,9 +26,8 @@ from qocjax.study.search import stacked
 from qocjax.study.sensitivity import Box, elasticities, sobol
 from qocjax.study.shortlist import NAMES, Effort, along_deadlines, row, shortlist
 from qocjax.study.slack import Asked, Slack, find_slack
-from qocjax.study.statistics import estimate, paired
 from qocjax.study.stress import largest_growth, of_runs, stress_table
-from qocjax.study.sweep import qoc_by_seed
+from qocjax.study.units import trace_remark
 
 __all__ = ["Advice", "advise", "plain"]
 
@@ -38,8 +38,10 @@ class Advice:
 
     network: dict[str, Any]  # what the network is
     character: dict[str, Any]  # how it behaves at the recommended deadline
+    trace: str  # what a measured trace is too short to say; empty where nothing is
     capacity: str  # how many computations at once it takes, in a line
     recommended: Design
+    at_edge: str  # which bounds of the search it lies at
     current: Design  # what it is compared with
     max_collision_share: float  # the limit that it was chosen under
     policy: str  # which of the three the current deadline amounts to
@@ -111,8 +113,10 @@ def advise(
     return Advice(
         network=network.describe(),
         character=characterise(network, load, float(np.asarray(best.deadline)), key),
+        trace=trace_remark(network, best.deadline) or "",
         capacity=at_once_text(network, load, float(np.asarray(best.deadline))),
         recommended=best,
+        at_edge=at_bounds(asdict(best), bounds, {"deadline": axis.tolist()}),
         current=current,
         max_collision_share=max_collision_share,
         policy=_policy(float(np.asarray(current.deadline)), margins[1]),
@@ -140,27 +144,22 @@ def _judge(
     middle = replace(current, deadline=float(np.asarray(finalists.deadline)[0]))
     designs = stacked([finalists, middle, current])
     runs = objective.runs(designs, seeds)
-    scores = qoc_by_seed(runs, objective.scale)
-    count = scores.shape[0] - 2
+    scores = objective.judged(runs)
+    count = len(scores.values) - 2
     named = (("current", count + 1), ("current gains, recommended deadline", count), ("recommended", 0))
     table = []
     for what, k in named:
         at, tau = (float(np.asarray(values)[k]) for values in (designs.deadline, designs.tau))
         share, error = objective.reliability(at, tau)
-        score, gain = estimate(scores[k]), paired(scores[k], scores[count + 1])
-        found = {
-            "what": what, "deadline": at, "reliability": float(share), "reliability_se": float(error),
-            "qoc": score.mean, "qoc_low": score.low, "qoc_high": score.high,
-            "gain": gain.mean, "gain_low": gain.low, "gain_high": gain.high,
-        }  # fmt: skip
-        table.append(found | of_runs(runs, k))
+        found = {"what": what, "deadline": at, "reliability": float(share), "reliability_se": float(error)}
+        gain = (scores[k] - scores[count + 1]).mean()
+        table.append(found | scores[k].mean().columns("qoc") | gain.columns("gain") | of_runs(runs, k, scores.units))
     tied = []
     for k in range(count):
-        gap = paired(scores[k], scores[0])
-        if gap.high >= 0.0:
+        gap = (scores[k] - scores[0]).mean()
+        if gap.given.high >= 0.0:
             values = {name: float(np.asarray(getattr(designs, name))[k]) for name in NAMES}
-            tied.append(values | {"qoc": float(scores[k].mean()), "difference": gap.mean,
-                                  "difference_low": gap.low, "difference_high": gap.high})  # fmt: skip
+            tied.append(values | {"qoc": float(scores[k].values.mean())} | gap.columns("difference"))
     return pd.DataFrame(table), pd.DataFrame(tied)
 
 
@@ -170,14 +169,16 @@ def _curves(
     """QoC over the deadline for both gains, and the margin of each."""
     axis = np.union1d(axis, [float(np.asarray(best.deadline))])
     designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
-    scores = objective.scores(designs, seeds).reshape(2, axis.size, -1)
+    scores = objective.judged(objective.runs(designs, seeds))
+    parts = {"recommended": scores[: axis.size], "current": scores[axis.size :]}
     known = objective.reliability(axis, best.tau)
     table: dict[str, Any] = {"deadline": axis, "reliability": known.share, "reliability_se": known.error}
-    for name, values in zip(("recommended", "current"), scores, strict=True):
-        found = [estimate(row) for row in values]
+    for name, part in parts.items():
+        found = [part[k].mean().given for k in range(axis.size)]
         table |= {f"qoc_{name}": [e.mean for e in found], f"qoc_{name}_low": [e.low for e in found],
                   f"qoc_{name}_high": [e.high for e in found]}  # fmt: skip
-    return pd.DataFrame(table), (deadline_margin(axis, scores[0], share), deadline_margin(axis, scores[1], share))
+    margins = [deadline_margin(axis, part.values, share, scores.units) for part in parts.values()]
+    return pd.DataFrame(table), (margins[0], margins[1])
 
 
 def _policy(deadline: float, margin: Margin) -> str:

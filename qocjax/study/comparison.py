@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from qocjax.quality import QocScale, qoc
+from qocjax.quality import QocScale
 from qocjax.scenario import Design
 from qocjax.study.chosen import design_of, place_of
-from qocjax.study.order import scale_of
-from qocjax.study.statistics import Estimate, estimate, paired, standard_error, unpaired
+from qocjax.study.scales import StudyScale, measured_scale
+from qocjax.study.scores import Scored, Scores, seed_scores, unpaired_scores
+from qocjax.study.statistics import Estimate, estimate, standard_error
 from qocjax.study.sweep import Study
+from qocjax.study.units import units_in
 
 __all__ = ["Comparison", "compare"]
 
 # What an AUC is made of: without the same here it is another quantity. And what else makes runs see the same.
 _YARDSTICK = ("horizon", "reference", "normaliser", "weights")
 _SAME_RUNS = ("start", "goal", "start_jitter", "map")
+_APART = 1 << 40  # between the labels of seeds that have nothing in common
 _BLOCK = 1 << 20  # AUC values that are held at once
 _NOTHING = Estimate(np.nan, np.nan, np.nan, np.nan)
 
@@ -41,7 +44,7 @@ class _Choice:
     """A policy's choice in a sweep."""
 
     row: dict[str, Any]  # of the study's policies
-    score: np.ndarray  # [S] QoC on the common scale
+    score: Scores  # [S] on the common scale
     auc: np.ndarray  # [S] s
 
 
@@ -51,7 +54,13 @@ class _Judged:
 
     name: str
     seeds: np.ndarray  # [S]
+    units: np.ndarray  # [S] labels of what counts as one observation
     choices: dict[tuple[str, str], _Choice]  # by sweep and policy
+
+    def pairs_with(self, other: _Judged) -> bool:
+        """Whether common seeds are common observations."""
+        _, at, there = np.intersect1d(self.seeds, other.seeds, return_indices=True)
+        return np.array_equal(self.units[at], other.units[there])
 
 
 def compare(studies: Mapping[str, Study]) -> Comparison:
@@ -73,15 +82,29 @@ def compare(studies: Mapping[str, Study]) -> Comparison:
     options = {name: _options(name, study) for name, study in studies.items()}
     for name in others:
         _check_yardstick(first, options[first], name, options[name])
-    kind = np.result_type(*(study.runs["auc"].dtype for study in studies.values()))
-    every = scale_of(lambda: (each.astype(kind) for study in studies.values() for each in _auc_blocks(study.runs)))
-    # What J_max is, each study says: robots that never move cost the same in all, the largest run of each another.
-    scale = replace(every, largest=max(study.scale.largest for study in studies.values()))
     reasons = {name: _unpaired_because(options[first], options[name]) for name in others}
+    scale = _common_scale(studies, reasons)
     judged = {name: _judged(name, study, scale) for name, study in studies.items()}
     rows = [row for name in studies for row in _rows(judged[name], judged[first], not reasons.get(name))]
     curves = pd.concat([_curves(name, study, scale) for name, study in studies.items()], ignore_index=True)
     return Comparison(pd.DataFrame(rows), curves, scale, list(_notes(judged, first, reasons)))
+
+
+def _common_scale(studies: Mapping[str, Study], reasons: Mapping[str, str]) -> StudyScale:
+    """J_med of all selection runs, with its error; seeds that two studies both have count as one where paired.
+
+    What J_max is, each study says: robots that never move cost the same in all, the largest run of each another.
+    """
+    kind = np.result_type(*(study.runs["auc"].dtype for study in studies.values()))
+    ends = np.cumsum([0, *(study.runs.sizes["seed"] for study in studies.values())]).tolist()
+    apart = [place * _APART if reasons.get(name) else 0 for place, name in enumerate(studies)]
+    units = [units_in(study.runs) + by for study, by in zip(studies.values(), apart, strict=True)]
+
+    def parts() -> Iterator[tuple[slice, np.ndarray]]:
+        for begin, end, study in zip(ends, ends[1:], studies.values(), strict=False):
+            yield from ((slice(begin, end), auc.astype(kind)) for auc in _auc_blocks(study.runs))
+
+    return measured_scale(parts, np.concatenate(units), max(study.scale.largest for study in studies.values()))
 
 
 def _options(name: str, study: Study) -> Mapping[str, Any]:
@@ -127,53 +150,52 @@ def _auc_blocks(runs: xr.Dataset) -> Iterator[np.ndarray]:
 
 def _judged(name: str, study: Study, scale: QocScale) -> _Judged:
     """What the policies of a study reach on the common scale; without those that found no design."""
-    choices = {}
+    choices, runs = {}, study.evaluation
     for row in study.policies[study.policies["qoc"].notna()].to_dict("records"):
-        place = place_of(study.evaluation, design_of(study.results, row))
-        auc = study.evaluation["auc"].isel(design=place).values.astype(np.float64)
+        auc = _auc(runs["auc"].isel(design=place_of(runs, design_of(study.results, row))).values)
         choices[str(row["sweep"]), str(row["policy"])] = _Choice(
-            row, _score(auc, scale).mean(axis=-1), auc.mean(axis=-1)
+            row, Scores.of(auc, scale, units_in(runs)), auc.mean(axis=-1)
         )
-    return _Judged(name, study.evaluation["seed"].values, choices)
+    return _Judged(name, runs["seed"].values, units_in(runs), choices)
 
 
-def _score(auc: np.ndarray, scale: QocScale) -> np.ndarray:
-    """QoC; a diverged run counts as the largest AUC."""
-    return np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc).astype(np.float64), scale))
+def _auc(values: np.ndarray) -> np.ndarray:
+    """AUC in double precision; a diverged run counts as the largest."""
+    return np.where(np.isnan(values), np.inf, values).astype(np.float64)
 
 
 def _rows(judged: _Judged, reference: _Judged, together: bool) -> Iterator[dict[str, Any]]:
     for key, choice in judged.choices.items():
-        row, own, cost = choice.row, estimate(choice.score), estimate(choice.auc)
-        gap, is_paired = _NOTHING, False
+        row, cost = choice.row, estimate(choice.auc, units=choice.score.units)
+        gap, is_paired = Scored(_NOTHING, _NOTHING), False
         if key in reference.choices and judged is not reference:
             gap, is_paired = _gap(judged, reference, key, together)
         yield {
             "study": judged.name, "sweep": key[0], "policy": key[1], "value": row["value"],
-            "deadline": row["deadline"], "reliability": row["reliability"], "qoc": own.mean, "qoc_se": own.se,
-            "qoc_low": own.low, "qoc_high": own.high, "qoc_own_scale": row["qoc"], "auc": cost.mean, "auc_se": cost.se,
-            "difference": gap.mean, "difference_se": gap.se, "difference_low": gap.low, "difference_high": gap.high,
-            "paired": is_paired, "collision_share": row["collision_share"], "seeds": len(judged.seeds),
+            "deadline": row["deadline"], "reliability": row["reliability"], **choice.score.mean().columns("qoc"),
+            "qoc_own_scale": row["qoc"], "auc": cost.mean, "auc_se": cost.se,
+            **gap.columns("difference"), "paired": is_paired, "collision_share": row["collision_share"],
+            "seeds": len(judged.seeds),
         }  # fmt: skip
 
 
-def _gap(judged: _Judged, reference: _Judged, key: tuple[str, str], together: bool) -> tuple[Estimate, bool]:
-    """Difference to the reference, and whether it is paired."""
+def _gap(judged: _Judged, reference: _Judged, key: tuple[str, str], together: bool) -> tuple[Scored, bool]:
+    """Difference to the reference, and whether it is paired: on common seeds, of common stretches of a trace."""
     here, there = judged.choices[key].score, reference.choices[key].score
     _, at, at_reference = np.intersect1d(judged.seeds, reference.seeds, return_indices=True)
-    if together and at.size >= 2:
-        return paired(here[at], there[at_reference]), True
-    return unpaired(here, there), False
+    if together and at.size >= 2 and judged.pairs_with(reference):
+        own, other = here.on(at), there.on(at_reference)
+        return (own - other).mean(), True
+    return unpaired_scores(here, there), False
 
 
 def _curves(name: str, study: Study, scale: QocScale) -> pd.DataFrame:
     """QoC of the best value at each deadline of each sweep, on the seeds of the choice."""
     runs = study.runs
-    parts = [_score(part, scale).mean(axis=-1) for part in _auc_blocks(runs)]
-    scores = np.concatenate(parts)
+    scores = np.concatenate([seed_scores(_auc(part), scale) for part in _auc_blocks(runs)])
     names = [item.name for item in fields(Design)]
     designs = pd.DataFrame({each: runs[each].values for each in names})
-    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores)
+    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores, units=units_in(runs))
     rows = study.results[["sweep", "value", "reliability", *names]].merge(designs, on=names, how="left")
     best = rows.dropna(subset=["qoc"]).groupby(["sweep", "deadline"], sort=False)["qoc"].idxmax()
     kept = rows.loc[best, ["sweep", "deadline", "value", "reliability", "qoc", "qoc_se"]].reset_index(drop=True)
@@ -191,6 +213,8 @@ def _notes(studies: Mapping[str, _Judged], first: str, reasons: Mapping[str, str
             yield f"{name} is not paired with {first}: {reason}."
         elif common < 2:
             yield f"{name} is not paired with {first}: {common} evaluation seeds in common."
+        elif not judged.pairs_with(reference):
+            yield f"{name} is not paired with {first}: on the same seeds they replay other stretches of a trace."
         elif common < max(judged.seeds.size, reference.seeds.size):
             yield f"{name} is paired with {first} on the {common} evaluation seeds that both have."
         for lacking, holding in ((judged, reference), (reference, judged)):

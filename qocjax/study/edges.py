@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-__all__ = ["edges_of", "edges_text"]
+__all__ = ["at_bounds", "bounds_text", "edges_of", "edges_text"]
+
+_CLOSE = 0.02  # of a range; so near to its end is at its end
 
 
 def edges_of(rows: pd.DataFrame, choice: Mapping[str, Any] | pd.Series, policy: str) -> str:
@@ -26,6 +28,35 @@ def edges_of(rows: pd.DataFrame, choice: Mapping[str, Any] | pd.Series, policy: 
         if low < high and np.isfinite(choice[column]) and choice[column] in (low, high):
             found.append(f"{'smallest' if choice[column] == low else 'largest'} {name}")
     return ", ".join(found)
+
+
+def at_bounds(
+    design: Mapping[str, Any] | pd.Series, bounds: Mapping[str, Sequence[float]], lists: Mapping[str, Sequence[float]]
+) -> str:
+    """Which ends of what was searched a design lies at, as `edges_of` says it; empty for none.
+
+    Args:
+        design: Its values by name.
+        bounds: (low, high) of the continuous parameters, in log scale where low is positive.
+        lists: The values that others were chosen from; one alone was no choice.
+    """
+    found = []
+    for name, (low, high) in bounds.items():
+        share = (design[name] - low) / (high - low)
+        if low > 0:
+            share = np.log(design[name] / low) / np.log(high / low)
+        if min(share, 1.0 - share) <= _CLOSE:
+            found.append(f"{'smallest' if share < 0.5 else 'largest'} {name}")
+    for name, values in lists.items():
+        low, high = min(values), max(values)
+        if low < high and (np.isclose(design[name], low) or np.isclose(design[name], high)):
+            found.append(f"{'smallest' if np.isclose(design[name], low) else 'largest'} {name}")
+    return ", ".join(found)
+
+
+def bounds_text(at: str) -> str:
+    """Ends from `at_bounds` in a sentence; empty where there is none."""
+    return f"At a bound of the search, the best may lie beyond: {at}." if at else ""
 
 
 def edges_text(policies: pd.DataFrame) -> str:

@@ -14,6 +14,7 @@ from qocjax import _checks
 from qocjax.network import Constant, IndependentLoss, Leg, LoopNetwork
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
+from qocjax.study.statistics import resampled
 
 __all__ = [
     "Bound",
@@ -27,6 +28,7 @@ __all__ = [
 ]
 
 _RESAMPLES = 999
+_PARTS = 4  # of the resamples, for memory
 _NONE_BELOW, _NONE_ABOVE = -1.0, 2.0  # what a statistic returns where the target is not met: no delay, no probability
 
 
@@ -116,8 +118,17 @@ def largest_delay(plane: Plane, target: float, reliability: float) -> Bound:
     return reach(plane.delay, _at(plane.reliability, plane.scores, "reliability", reliability), target)
 
 
-def reach(axis: ArrayLike, scores: ArrayLike, target: float) -> Bound:
+def reach(axis: ArrayLike, scores: ArrayLike, target: float, units: np.ndarray | None = None) -> Bound:
     """The last value of an ascending axis [C] at which mean QoC [C, S] still reaches a target, linear in between.
+
+    A target that is a share of a mean is itself estimated: take that share of its scores off, seed by seed, and ask
+    for 0.
+
+    Args:
+        axis: [C].
+        scores: [C, S], the seeds common to all values.
+        target: To reach.
+        units: [S] Labels of the seeds, see `units_of`.
 
     Raises:
         ValueError: Shapes that do not fit, or an axis that does not ascend from 0 or more.
@@ -125,7 +136,7 @@ def reach(axis: ArrayLike, scores: ArrayLike, target: float) -> Bound:
     values, table = np.asarray(axis, float), np.asarray(scores, float)
     if table.ndim != 2 or values.shape != table.shape[:1] or not np.all(np.diff(values, prepend=-1e-12) > 0):
         raise ValueError(f"axis: got {values.shape} for scores {table.shape}, expected ascending [C] for [C, S]")
-    return _bound(table, lambda qoc: _last(values, qoc, target, _NONE_BELOW), values[-1])
+    return _bound(table, lambda qoc: _last(values, qoc, target, _NONE_BELOW), values[-1], units)
 
 
 def smallest_reliability(plane: Plane, target: float, delay: float) -> Bound:
@@ -139,13 +150,16 @@ def smallest_reliability(plane: Plane, target: float, delay: float) -> Bound:
     return _bound(column[::-1], lambda qoc: _last(axis, qoc, target, _NONE_ABOVE), plane.reliability[0])
 
 
-def deadline_margin(deadlines: ArrayLike, scores: ArrayLike, share: float = 0.05) -> Margin:
+def deadline_margin(
+    deadlines: ArrayLike, scores: ArrayLike, share: float = 0.05, units: np.ndarray | None = None
+) -> Margin:
     """The stretch of deadlines around the best in which mean QoC stays within `share` of its best.
 
     Args:
         deadlines: [D] s, ascending.
         scores: [D, S] QoC by seed, common to all deadlines.
         share: 0.05 asks for 95 % of the best.
+        units: [S] Labels of the seeds, see `units_of`.
 
     Raises:
         ValueError: Shapes that do not fit, deadlines that do not ascend, fewer than two seeds, or a bad share.
@@ -161,7 +175,7 @@ def deadline_margin(deadlines: ArrayLike, scores: ArrayLike, share: float = 0.05
     def end(which: int) -> Callable[[np.ndarray], np.ndarray]:
         return lambda qoc: np.array([_stretch(axis, column, share)[which] for column in qoc.T])
 
-    low, high = (_bound(table, end(which), axis[-which]) for which in (0, 1))
+    low, high = (_bound(table, end(which), axis[-which], units) for which in (0, 1))
     return Margin(share, float(axis[k]), float(mean[k]), low, high)
 
 
@@ -188,18 +202,15 @@ def _last(axis: np.ndarray, qoc: np.ndarray, target: float, none: float, contigu
     return np.where(enough.any(axis=0), axis[last] + part * (axis[after] - axis[last]), none)
 
 
-def _bound(scores: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray], edge: float) -> Bound:
+def _bound(
+    scores: np.ndarray,
+    statistic: Callable[[np.ndarray], np.ndarray],
+    edge: float,
+    units: np.ndarray | None = None,
+) -> Bound:
     """A statistic of mean QoC [C, B], and its 95 % percentile bootstrap over the common seeds."""
-
-    def resampled(seeds: np.ndarray, axis: int = -1) -> np.ndarray:
-        chosen = np.atleast_2d(seeds).astype(int)
-        means = statistic(scores[:, chosen].mean(axis=-1))
-        return means if np.ndim(seeds) > 1 else means[0]
-
-    found = stats.bootstrap(
-        (np.arange(scores.shape[1]),), resampled, n_resamples=_RESAMPLES, batch=256, vectorized=True,
-        method="percentile", rng=np.random.default_rng(0),
-    ).bootstrap_distribution  # fmt: skip
+    drawn = resampled(scores.shape[1], units, _RESAMPLES)
+    found = np.concatenate([statistic(scores[:, some].mean(axis=-1)) for some in np.array_split(drawn, _PARTS)])
     value = float(statistic(scores.mean(axis=1, keepdims=True))[0])
     # Ranks, not interpolation: `not on the grid` is no number to average with.
     low, high = (float(q) for q in np.quantile(found, [0.025, 0.975], method="inverted_cdf"))

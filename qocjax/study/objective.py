@@ -16,8 +16,10 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
 from qocjax.study.reliability import load_of, reliability_of
-from qocjax.study.scales import scale_of_runs
+from qocjax.study.scales import StudyScale, scale_of_runs
+from qocjax.study.scores import Scores
 from qocjax.study.sweep import qoc_by_seed
+from qocjax.study.units import units_of
 
 __all__ = ["Objective", "pilot_scale"]
 
@@ -52,6 +54,16 @@ class Objective:
         found = [computations_at_once(self.network, load_of(self.scenario, each)) for each in periods]
         return np.array([np.nan if each is None else each.mean for each in found])[place].reshape(np.shape(tau))
 
+    def units(self, seeds: Sequence[int]) -> np.ndarray:
+        """Labels of seeds, [S], equal where they share a stretch of a measured trace."""
+        return units_of(self.network, seeds, self.key)
+
+    def judged(self, runs: xr.Dataset) -> Scores:
+        """QoC of runs with what its two intervals need."""
+        auc = runs["auc"].values.astype(np.float64)
+        auc = np.where(np.isnan(auc), np.inf, auc)
+        return Scores.of(auc, self.scale, self.units(runs["seed"].values.tolist()))
+
     def scores(self, designs: Design, seeds: Sequence[int]) -> np.ndarray:
         """QoC of each design and seed, [G, S], mean over robots."""
         return qoc_by_seed(self.runs(designs, seeds), self.scale)
@@ -66,7 +78,7 @@ def pilot_scale(
     *,
     rules: Rules | None = None,
     key: int = 0,
-) -> QocScale:
+) -> StudyScale:
     """J_med of the baseline over a deadline axis, and J_max: a scale fixed before any search begins.
 
     A search that made its own scale would move it while it searches.
@@ -82,4 +94,4 @@ def pilot_scale(
     """
     designs = replace(baseline, deadline=np.asarray(deadlines, float))
     runs = evaluate(scenario, designs, network, seeds, rules=rules, key=key)
-    return scale_of_runs(runs["auc"].values, scenario)
+    return scale_of_runs(runs["auc"].values, scenario, units=units_of(network, seeds, key))

@@ -18,6 +18,7 @@ from qocjax.store.files import digest_of
 from qocjax.store.gathered import Piece, gathered
 from qocjax.store.study_folder import CHUNKS, read_record
 from qocjax.study.sweep import Study
+from qocjax.study.units import with_units
 
 __all__ = ["open_study"]
 
@@ -41,9 +42,9 @@ def open_study(folder: str | Path) -> Study:
     for table in tables.values():
         table.attrs["configuration"] = record["configuration"]
     parts = {part: _runs(folder, part, record) for part in ("selection", "evaluation")}
+    scale = QocScale(record["j_med"], record["j_max"], record.get("j_med_se", 0.0))
     return Study(
-        tables["results"], tables["policies"], QocScale(record["j_med"], record["j_max"]), parts["selection"],
-        parts["evaluation"], record["failures"], record["chunks"], record["made_with"], record["configuration"],
+        tables["results"], tables["policies"], scale, parts["selection"], parts["evaluation"], record["failures"], record["chunks"], record["made_with"], record["configuration"],
     )  # fmt: skip
 
 
@@ -81,4 +82,5 @@ def _runs(folder: Path, part: str, record: dict[str, Any]) -> xr.Dataset:
         pieces.append(Piece(read_array(path, "design"), (first, last), partial(read_array, path)))
     kinds = {name: (tuple(rest), np.dtype(kind)) for name, (rest, kind) in header["kinds"].items()}
     attributes = {**header["attributes"], "configuration": json.dumps(record["configuration"])}
-    return gathered(pieces, coordinates, seeds, kinds, attributes)
+    runs = gathered(pieces, coordinates, seeds, kinds, attributes)
+    return with_units(runs, np.array(record.get("units", {}).get(part, seeds), np.int64))

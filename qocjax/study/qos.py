@@ -18,10 +18,11 @@ from qocjax.network.demand import Carrier
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario, num_ticks
+from qocjax.study.edges import at_bounds
 from qocjax.study.recorded import RecordedLoops, network_keys
 from qocjax.study.scales import scale_of_runs
-from qocjax.study.statistics import estimate, paired
-from qocjax.study.sweep import qoc_by_seed
+from qocjax.study.scores import Scores
+from qocjax.study.statistics import relative
 from qocjax.study.transport import bursty_loss, run_transport, traffic_row, transport_row
 
 __all__ = ["Cell", "QosStudy", "qos_study"]
@@ -107,30 +108,46 @@ def qos_study(
             cells.append(Cell(name, loss, burst, sent.loop_times, runs))
             place = {"profile": name, "loss": loss, "burst": burst}
             rows.append(place | transport_row(sent, tau) | traffic_row(sent, carrier or Carrier()))
-    scale = scale or scale_of_runs(np.concatenate([cell.runs["auc"].values for cell in cells]), scenario)
+    if scale is None:
+        every = np.concatenate([cell.runs["auc"].values for cell in cells])
+        scale = scale_of_runs(every, scenario, units=np.asarray(seeds))
     results = _results(cells, np.asarray(deadlines, float), scale, next(iter(profiles)))
     best = _best_deadlines(cells, scale, next(iter(profiles)))
     return QosStudy(results, pd.DataFrame(rows), best, scale, cells)
 
 
 def _results(cells: list[Cell], deadlines: np.ndarray, scale: QocScale, baseline: str) -> pd.DataFrame:
-    own = {(cell.loss, cell.burst): qoc_by_seed(cell.runs, scale) for cell in cells if cell.profile == baseline}
+    own = {(cell.loss, cell.burst): _scores(cell, scale) for cell in cells if cell.profile == baseline}
     rows = []
     for cell in cells:
-        scores, others = qoc_by_seed(cell.runs, scale), own[cell.loss, cell.burst]
+        scores, others = _scores(cell, scale), own[cell.loss, cell.burst]
         for k, deadline in enumerate(deadlines):
-            score, gap = estimate(scores[k]), paired(scores[k], others[k])
             missed = 1.0 - float(cell.runs["completed_share"].values[k].mean())
             row = {"profile": cell.profile, "loss": cell.loss, "burst": cell.burst, "deadline": deadline,
-                   "miss_share": missed, "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low,
-                   "qoc_high": score.high, "difference": gap.mean, "difference_low": gap.low,
-                   "difference_high": gap.high, "gain_percent": 100 * gap.mean / float(others[k].mean())}  # fmt: skip
+                   "miss_share": missed, **_compared(scores[k], others[k])}  # fmt: skip
             for name in _METRICS:
                 values = cell.runs[name].values[k].astype(float)
                 row[name] = float(values.mean())
             row["collision_share"] = float(cell.runs["collided"].values[k].mean())
-            rows.append(row | {"seeds": scores.shape[1]})
+            rows.append(row | {"seeds": scores.values.shape[1]})
     return pd.DataFrame(rows)
+
+
+def _scores(cell: Cell, scale: QocScale) -> Scores:
+    """Scores [D, S]; the scale may be that of the same runs."""
+    auc = cell.runs["auc"].values.astype(np.float64)
+    return Scores.of(np.where(np.isnan(auc), np.inf, auc), scale, cell.runs["seed"].values)
+
+
+def _compared(scores: Scores, others: Scores) -> dict[str, float]:
+    """QoC, and its difference to another one in itself and in percent, each with its 95 % intervals."""
+    gain = relative(scores.values - others.values, others.values, scores.units)
+    percent = {"gain_percent": gain.mean, "gain_percent_low": gain.low, "gain_percent_high": gain.high}
+    return (
+        scores.mean().columns("qoc")
+        | (scores - others).mean().columns("difference")
+        | {name: 100.0 * value for name, value in percent.items()}
+    )
 
 
 def _best_deadlines(cells: list[Cell], scale: QocScale, baseline: str) -> pd.DataFrame:
@@ -143,20 +160,18 @@ def _best_deadlines(cells: list[Cell], scale: QocScale, baseline: str) -> pd.Dat
         scale: J_med and J_max.
         baseline: Profile to compare with.
     """
-    found: dict[tuple[float, float], np.ndarray] = {}
+    found: dict[tuple[float, float], Scores] = {}
     rows = []
     for cell in sorted(cells, key=lambda c: c.profile != baseline):
-        scores = qoc_by_seed(cell.runs, scale)
-        k = int(scores[:, ::2].mean(axis=1).argmax())
-        judged = scores[k, 1::2]
+        scores = _scores(cell, scale)
+        k = int(scores.values[:, ::2].mean(axis=1).argmax())
+        judged = scores.on(slice(1, None, 2))[k]
         at = (cell.loss, cell.burst)
         found.setdefault(at, judged)
-        score, gap = estimate(judged), paired(judged, found[at])
-        deadline = float(cell.runs["deadline"].values[k])
-        rows.append({"profile": cell.profile, "loss": cell.loss, "burst": cell.burst, "deadline": deadline,
-                     "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
-                     "difference": gap.mean, "difference_low": gap.low, "difference_high": gap.high,
-                     "gain_percent": 100 * gap.mean / float(found[at].mean())})  # fmt: skip
+        deadlines = cell.runs["deadline"].values
+        place = {"profile": cell.profile, "loss": cell.loss, "burst": cell.burst, "deadline": float(deadlines[k])}
+        ends = at_bounds(place, {}, {"deadline": deadlines.tolist()})
+        rows.append(place | _compared(judged, found[at]) | {"at_edge": ends})
     order = list(dict.fromkeys(cell.profile for cell in cells))
     table = pd.DataFrame(rows)
     return table.sort_values(

@@ -8,7 +8,7 @@ the scenario, where the largest AUC of whatever was simulated changes by a fifth
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,8 +18,18 @@ from qocjax.quality import QocScale, initial_norm
 from qocjax.reference import reference_origin, reference_path
 from qocjax.scenario import Design, Scenario
 from qocjax.study.order import scale_of
+from qocjax.study.statistics import standard_error
 
-__all__ = ["LARGEST", "Parts", "measured_scale", "scale_of_runs", "scale_text", "standing_still"]
+__all__ = [
+    "LARGEST",
+    "Parts",
+    "StudyScale",
+    "largest_auc",
+    "measured_scale",
+    "scale_of_runs",
+    "scale_text",
+    "standing_still",
+]
 
 LARGEST = ("still", "runs")
 """What J_max is: the AUC of robots that never move, or the largest of all runs (the paper's)."""
@@ -30,6 +40,14 @@ Parts = Callable[[], Iterable[tuple[slice, np.ndarray]]]
 _STEPS = 20_000  # of the integral over the horizon
 _BAND = 0.05  # of ln J about the median, in which its density is counted
 _FEW = 200  # runs that a band must hold
+
+
+@dataclass(frozen=True)
+class StudyScale(QocScale):
+    """A scale that was estimated from runs, with what each observation owes to the error of its median."""
+
+    units: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64), compare=False)  # [S'] labels
+    influence: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)  # [S'] s, of mean 0
 
 
 def standing_still(scenario: Scenario) -> float:
@@ -62,37 +80,50 @@ def scale_text(scale: QocScale, of: str, columns: bool = False) -> str:
     return text + f"together, by ± {most:.2g} at most" + (" (columns *_whole_* have it in them)." if columns else ".")
 
 
-def scale_of_runs(auc: np.ndarray, scenario: Scenario, largest: str = "still") -> QocScale:
+def scale_of_runs(
+    auc: np.ndarray, scenario: Scenario, largest: str = "still", units: np.ndarray | None = None
+) -> StudyScale:
     """Scale from the AUC of runs [G, S, N], with the error of its median over the seeds."""
-    return measured_scale(lambda: [(slice(0, auc.shape[1]), auc)], auc.shape[1], scenario, largest)
+    labels = np.arange(auc.shape[1]) if units is None else units
+    return measured_scale(lambda: [(slice(0, auc.shape[1]), auc)], labels, largest_auc(scenario, largest))
 
 
-def measured_scale(parts: Parts, num_seeds: int, scenario: Scenario, largest: str = "still") -> QocScale:
+def largest_auc(scenario: Scenario, largest: str = "still") -> float | None:
+    """J_max (s) by its name of `LARGEST`; None for the largest of the runs.
+
+    Raises:
+        ValueError: Another name.
+    """
+    _checks.choice("j_max_of", largest, LARGEST)
+    return standing_still(scenario) if largest == "still" else None
+
+
+def measured_scale(parts: Parts, units: np.ndarray, largest: float | None) -> StudyScale:
     """Scale from runs that need not fit into memory.
 
     The error of the median is that of the share of runs below it, seed by seed, over the density there.
 
     Args:
         parts: The runs.
-        num_seeds: S.
-        scenario: Says what standing still costs.
-        largest: Of `LARGEST`.
+        units: [S] Labels of the seeds, equal where seeds are no observations of their own.
+        largest: J_max (s); None for the largest of the runs.
 
     Raises:
         ValueError: No AUC is finite.
     """
-    _checks.choice("j_max_of", largest, LARGEST)
     found = scale_of(lambda: (auc for _, auc in parts()))
-    below, count = np.zeros(num_seeds), np.zeros(num_seeds)
+    below, count = np.zeros(len(units)), np.zeros(len(units))
     for seeds, auc in parts():
         finite = np.isfinite(auc)
         below[seeds] += ((auc <= found.median) & finite).sum(axis=(0, 2))
         count[seeds] += finite.sum(axis=(0, 2))
     share = below / np.maximum(count, 1)
-    spread = float(share.std(ddof=1) / np.sqrt(num_seeds)) if num_seeds > 1 else np.inf
-    error = spread / _density(parts, found.median, float(count.sum()))
-    top = found.largest if largest == "runs" else standing_still(scenario)
-    return replace(found, largest=top, median_se=float(error) if np.isfinite(error) else 0.0)
+    influence = (share.mean() - share) / _density(parts, found.median, float(count.sum()))
+    error = float(standard_error(influence, units=units)) if np.unique(units).size > 1 else 0.0
+    top = found.largest if largest is None else largest
+    if not np.isfinite(error):
+        return StudyScale(found.median, top)
+    return StudyScale(found.median, top, error, np.asarray(units), influence)
 
 
 def _density(parts: Parts, median: float, total: float) -> float:

@@ -1,19 +1,21 @@
-"""QoC of a design with two intervals: given its scale, and with what is not known of the scale (model, section 5)."""
+"""QoC of a design with two intervals: given its scale, and with what is not known of the scale (model, section 5).
+
+QoC moves with ln J_med by Q (1 - Q), from J_max on too. So the error of J_med moves a mean of QoC by its mean slope,
+and two designs together; where the same seeds or stretches of a trace made both, the two errors are added seed by seed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
 
 from qocjax.quality import QocScale, qoc
-from qocjax.study.statistics import Estimate, estimate, paired
+from qocjax.study.scales import StudyScale
+from qocjax.study.statistics import Estimate, estimate, student, unpaired
 
-__all__ = ["Scored", "difference", "score", "seed_scores", "with_scale"]
-
-_STEP = 1e-4  # of J_med, for the slope
+__all__ = ["Scored", "Scores", "difference", "score", "seed_scores", "unpaired_scores"]
 
 
 class Scored(NamedTuple):
@@ -31,40 +33,89 @@ class Scored(NamedTuple):
         }  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """QoC of designs by seed on one scale, and how it moves with J_med."""
+
+    values: np.ndarray  # [..., S] mean over robots
+    slopes: np.ndarray  # [..., S] dQ / d ln J_med, mean over robots
+    scale: QocScale
+    units: np.ndarray | None = None  # [S] labels of the seeds, see `units_of`; None for seeds that the scale has not
+
+    @classmethod
+    def of(cls, auc: np.ndarray, scale: QocScale, units: np.ndarray | None = None) -> Scores:
+        """Scores of AUC [..., S, N]; a diverged run counts as the largest AUC, one that is missing (NaN) as NaN."""
+        each = np.asarray(qoc(np.asarray(auc, np.float64), scale))
+        return cls(each.mean(axis=-1), (each * (1.0 - each)).mean(axis=-1), scale, units)
+
+    def __getitem__(self, place: Any) -> Scores:
+        """Some of the designs."""
+        return replace(self, values=self.values[place], slopes=self.slopes[place])
+
+    def on(self, seeds: slice | np.ndarray) -> Scores:
+        """The same designs on some of the seeds."""
+        units = None if self.units is None else self.units[seeds]
+        return replace(self, values=self.values[..., seeds], slopes=self.slopes[..., seeds], units=units)
+
+    def __sub__(self, other: Scores) -> Scores:
+        """Differences on the same seeds.
+
+        Raises:
+            ValueError: Different numbers of seeds.
+        """
+        if self.values.shape[-1] != other.values.shape[-1]:
+            raise ValueError(f"others: got shape {other.values.shape}, expected {self.values.shape}: paired values "
+                             "share their seeds")  # fmt: skip
+        return replace(self, values=self.values - other.values, slopes=self.slopes - other.slopes)
+
+    def mean(self, confidence: float = 0.95) -> Scored:
+        """The mean over the seeds of one design, [S]."""
+        given = estimate(self.values, confidence, self.units)
+        if not self.scale.median_se > 0.0:
+            return Scored(given, given)
+        slope, observations = float(self.slopes.mean()) / self.scale.median, self.values.size
+        if self.units is not None and isinstance(self.scale, StudyScale):
+            own = (self.values - given.mean) / self.values.size
+            theirs = slope * self.scale.influence / self.scale.influence.size
+            se, observations = _joint(self.units, own, self.scale.units, theirs), np.unique(self.units).size
+        else:
+            se = float(np.hypot(given.se, slope * self.scale.median_se))
+        half = se * student(observations, confidence)
+        return Scored(given, Estimate(given.mean, se, given.mean - half, given.mean + half))
+
+
 def seed_scores(auc: np.ndarray, scale: QocScale) -> np.ndarray:
     """QoC by seed [..., S] of AUC [..., S, N]; an infinite AUC counts as the largest."""
-    return np.asarray(qoc(np.asarray(auc, np.float64), scale)).mean(axis=-1)
+    return Scores.of(auc, scale).values
 
 
-def score(auc: np.ndarray, scale: QocScale) -> Scored:
+def score(auc: np.ndarray, scale: QocScale, units: np.ndarray | None = None) -> Scored:
     """Mean QoC of runs [S, N]."""
-    given = estimate(seed_scores(auc, scale))
-    return Scored(given, with_scale(given, lambda other: float(seed_scores(auc, other).mean()), scale, auc.shape[0]))
+    return Scores.of(auc, scale, units).mean()
 
 
-def difference(auc: np.ndarray, others: np.ndarray, scale: QocScale) -> Scored:
+def difference(auc: np.ndarray, others: np.ndarray, scale: QocScale, units: np.ndarray | None = None) -> Scored:
     """Mean difference of QoC of runs [S, N] to others on the same seeds."""
-    given = paired(seed_scores(auc, scale), seed_scores(others, scale))
-
-    def gap(other: QocScale) -> float:
-        return float((seed_scores(auc, other) - seed_scores(others, other)).mean())
-
-    return Scored(given, with_scale(given, gap, scale, auc.shape[0]))
+    return (Scores.of(auc, scale, units) - Scores.of(others, scale, units)).mean()
 
 
-def with_scale(given: Estimate, statistic: Callable[[QocScale], float], scale: QocScale, seeds: int) -> Estimate:
-    """An estimate with the error of J_med in it: that of independent seeds, times the slope of the estimate in J_med.
+def unpaired_scores(scores: Scores, others: Scores) -> Scored:
+    """Difference of the mean QoC of one design to another on other seeds (Welch)."""
+    given = unpaired(scores.values, others.values, units=(scores.units, others.units))
+    slope = float(scores.slopes.mean() - others.slopes.mean()) / scores.scale.median
+    se = float(np.hypot(given.se, slope * scores.scale.median_se))
+    wider = se / given.se if given.se > 0.0 else 1.0
+    half = wider * (given.high - given.mean)
+    return Scored(given, Estimate(given.mean, se, given.mean - half, given.mean + half))
 
-    Args:
-        given: The estimate with the scale as it is.
-        statistic: The estimate on another scale.
-        scale: The scale.
-        seeds: S behind the estimate.
-    """
-    if not scale.median_se > 0.0:
-        return given
-    ends = [statistic(QocScale(scale.median * (1.0 + side * _STEP), scale.largest)) for side in (-1.0, 1.0)]
-    slope = (ends[1] - ends[0]) / (2.0 * _STEP * scale.median)
-    se = float(np.hypot(given.se, slope * scale.median_se))
-    half = se * float(special.stdtrit(max(seeds - 1, 1), 0.975))
-    return Estimate(given.mean, se, given.mean - half, given.mean + half)
+
+def _joint(labels: np.ndarray, own: np.ndarray, others: np.ndarray, theirs: np.ndarray) -> float:
+    """Standard error of the sum of two sets of contributions; what has one label varies together."""
+    if not (np.isfinite(own).all() and np.isfinite(theirs).all()):
+        return float("inf")
+    known, place = np.unique(np.concatenate([labels, others]), return_inverse=True)
+    parts = []
+    for each, at in ((own, place[: own.size]), (theirs, place[own.size :])):
+        count = np.unique(at).size
+        parts.append(np.bincount(at, each, known.size) * np.sqrt(count / (count - 1)))
+    return float(np.sqrt(((parts[0] + parts[1]) ** 2).sum()))

@@ -14,7 +14,7 @@ from scipy.stats import qmc
 from qocjax import _checks
 from qocjax.scenario import CONTINUOUS, Design
 from qocjax.study.objective import Objective
-from qocjax.study.statistics import estimate
+from qocjax.study.statistics import relative
 
 __all__ = ["Box", "elasticities", "sobol"]
 
@@ -90,14 +90,12 @@ def elasticities(
             for other, column in columns.items():
                 column.append(column[0] * (np.exp(sign * step) if other == name else 1.0))
     scores = objective.scores(Design(**{name: np.array(column) for name, column in columns.items()}), seeds)
-    centre = scores[0].mean()
+    units = objective.units(seeds)
     rows = []
     for k, (name, value) in enumerate(values.items()):
         slope = (scores[2 * k + 2] - scores[2 * k + 1]) / (2 * step)
-        ratio = slope.mean() / centre
-        # Delta method: the error of a ratio of two means over the same seeds.
-        found = estimate(ratio + (slope - ratio * scores[0]) / centre)
-        rows.append({"parameter": name, "value": value, "elasticity": ratio, "se": found.se, "low": found.low,
+        found = relative(slope, scores[0], units)
+        rows.append({"parameter": name, "value": value, "elasticity": found.mean, "se": found.se, "low": found.low,
                      "high": found.high, "seeds": scores.shape[1]})  # fmt: skip
     return pd.DataFrame(rows)
 

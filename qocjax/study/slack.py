@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -92,11 +92,12 @@ def find_slack(objective: Objective, design: Design, longest: float, seeds: Sequ
     plane = delay_reliability_plane(
         objective, design, _with(delays, delay, deadline), _with(shares, share, here), seeds
     )
-    target = asked.target
-    if target is None:
-        cell = plane.qoc[_nearest(plane.reliability, here), _nearest(plane.delay, deadline)]
-        target = (1.0 - asked.share) * float(cell)
-    return Slack(delay, share, target, largest_delay(plane, target, share), smallest_reliability(plane, target, delay),
+    own = plane.scores[_nearest(plane.reliability, here), _nearest(plane.delay, deadline)]
+    target = (1.0 - asked.share) * float(own.mean()) if asked.target is None else asked.target
+    # A target taken from the plane is estimated too: what its seeds owe to chance goes off all cells.
+    level = (1.0 - asked.share) * (own - own.mean()) if asked.target is None else 0.0 * own
+    told = replace(plane, scores=plane.scores - level)
+    return Slack(delay, share, target, largest_delay(told, target, share), smallest_reliability(told, target, delay),
                  plane.to_table())  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special  # not scipy.stats, which takes a third of a second to import
 
-__all__ = ["Estimate", "estimate", "paired", "standard_error", "unpaired"]
+__all__ = ["Estimate", "estimate", "paired", "relative", "resampled", "share", "standard_error", "student", "unpaired"]
 
 
 @dataclass(frozen=True)
@@ -21,53 +21,139 @@ class Estimate:
     high: float
 
 
-def standard_error(values: ArrayLike, axis: int = -1) -> np.ndarray:
+def standard_error(values: ArrayLike, axis: int = -1, units: np.ndarray | None = None) -> np.ndarray:
     """Standard error of the mean over `axis`; infinite where a value is not finite.
 
-    Raises:
-        ValueError: Fewer than two values along the axis: their spread is then unknown.
-    """
-    array = np.asarray(values, np.float64)
-    if array.shape[axis] < 2:
-        raise ValueError(f"seeds: got {array.shape[axis]}, expected at least 2 for a standard error")
-    finite = np.isfinite(array).all(axis=axis, keepdims=True)
-    spread = np.where(finite, array, 0.0).std(axis=axis, ddof=1)
-    return np.where(np.squeeze(finite, axis), spread / np.sqrt(array.shape[axis]), np.inf)
-
-
-def estimate(values: ArrayLike, confidence: float = 0.95) -> Estimate:
-    """Mean of independent values [S] with its Student interval.
+    Args:
+        values: Numbers by seed along the axis.
+        axis: The axis of the seeds.
+        units: [S] Labels of the seeds, equal where seeds are no observations of their own (`units_of`): the error is
+            then that of the sums over equal labels (cluster-robust, with the factor G / (G - 1) for G labels).
 
     Raises:
-        ValueError: Fewer than two values.
+        ValueError: Fewer than two values along the axis, or all of one unit: their spread is then unknown.
+    """
+    array = np.moveaxis(np.asarray(values, np.float64), axis, -1)
+    if array.shape[-1] < 2:
+        raise ValueError(f"seeds: got {array.shape[-1]}, expected at least 2 for a standard error")
+    finite = np.isfinite(array).all(axis=-1, keepdims=True)
+    kept = np.where(finite, array, 0.0)
+    known, place = _grouped(units, array.shape[-1])
+    if known == array.shape[-1]:
+        error = kept.std(axis=-1, ddof=1) / np.sqrt(known)
+    else:
+        sums = (kept - kept.mean(axis=-1, keepdims=True)) @ (place[:, None] == np.arange(known))
+        error = np.sqrt((sums**2).sum(axis=-1) * known / (known - 1)) / array.shape[-1]
+    return np.where(finite[..., 0], error, np.inf)
+
+
+def _grouped(units: np.ndarray | None, size: int) -> tuple[int, np.ndarray]:
+    """Number of units, and which each value belongs to."""
+    if units is None:
+        return size, np.arange(size)
+    labels, place = np.unique(units, return_inverse=True)
+    if labels.size < 2:
+        raise ValueError(f"seeds: got {size} of one stretch of the trace, expected some of two: take more seeds")
+    return labels.size, place
+
+
+def estimate(values: ArrayLike, confidence: float = 0.95, units: np.ndarray | None = None) -> Estimate:
+    """Mean of values [S] with its Student interval.
+
+    Args:
+        values: Numbers by seed.
+        confidence: Of the interval.
+        units: Labels of the seeds, see `standard_error`.
+
+    Raises:
+        ValueError: Fewer than two values or units.
     """
     array = np.asarray(values, np.float64)
-    mean, se = float(array.mean()), float(standard_error(array))
-    half = se * float(special.stdtrit(array.size - 1, 0.5 + confidence / 2))
+    mean, se = float(array.mean()), float(standard_error(array, units=units))
+    half = se * student(_grouped(units, array.size)[0], confidence)
     return Estimate(mean, se, mean - half, mean + half)
 
 
-def paired(values: ArrayLike, others: ArrayLike, confidence: float = 0.95) -> Estimate:
+def student(observations: int, confidence: float = 0.95) -> float:
+    """Standard errors on each side of a mean of so many observations."""
+    return float(special.stdtrit(max(observations - 1, 1), 0.5 + confidence / 2))
+
+
+def paired(values: ArrayLike, others: ArrayLike, confidence: float = 0.95, units: np.ndarray | None = None) -> Estimate:
     """Mean of `values - others` over common seeds [S]: what both owe to the seed cancels.
 
     Raises:
-        ValueError: Different lengths, or fewer than two values.
+        ValueError: Different lengths, or fewer than two values or units.
     """
     a, b = np.asarray(values, np.float64), np.asarray(others, np.float64)
     if a.shape != b.shape:
         raise ValueError(f"others: got shape {b.shape}, expected {a.shape}: paired values share their seeds")
-    return estimate(a - b, confidence)
+    return estimate(a - b, confidence, units)
 
 
-def unpaired(values: ArrayLike, others: ArrayLike, confidence: float = 0.95) -> Estimate:
+def relative(values: ArrayLike, others: ArrayLike, units: np.ndarray | None = None) -> Estimate:
+    """Mean of values over the mean of others on the same seeds [S], with the error of both (delta method).
+
+    Raises:
+        ValueError: Different lengths, or fewer than two values or units.
+    """
+    a, b = np.asarray(values, np.float64), np.asarray(others, np.float64)
+    ratio = a.mean() / b.mean()
+    return paired(ratio + a / b.mean(), ratio * b / b.mean(), units=units)
+
+
+def share(hits: ArrayLike, units: np.ndarray | None = None, confidence: float = 0.95) -> Estimate:
+    """Share of seeds [S] in which something happened, with Clopper and Pearson's interval.
+
+    Where seeds share units it is that of as many independent seeds as have the same error (Korn and Graubard, 1998).
+
+    Raises:
+        ValueError: Fewer than two seeds or units.
+    """
+    found = np.asarray(hits, np.float64)
+    mean, of = float(found.mean()), float(found.size)
+    plain, se = float(standard_error(found)), float(standard_error(found, units=units))
+    if se > plain > 0.0:
+        of *= (plain / se) ** 2
+    tail, count = (1.0 - confidence) / 2.0, mean * of
+    low = float(special.betaincinv(count, of - count + 1.0, tail)) if count > 0.0 else 0.0
+    high = float(special.betaincinv(count + 1.0, of - count, 1.0 - tail)) if count < of else 1.0
+    return Estimate(mean, se, low, high)
+
+
+def resampled(size: int, units: np.ndarray | None, count: int, random: int = 0) -> np.ndarray:
+    """Places of seeds in bootstrap samples, [count, about size]: whole units are drawn, as large as they are.
+
+    Args:
+        size: S.
+        units: [S] Labels of the seeds, see `standard_error`.
+        count: Samples.
+        random: Seed of the draws.
+    """
+    known, place = _grouped(units, size)
+    rng = np.random.default_rng(random)
+    if known == size:
+        return rng.integers(0, size, (count, size))
+    members = [np.flatnonzero(place == unit) for unit in range(known)]
+    drawn = [np.concatenate([members[unit] for unit in row]) for row in rng.integers(0, known, (count, known))]
+    return np.stack([np.resize(rng.permutation(row), size) for row in drawn])
+
+
+def unpaired(
+    values: ArrayLike,
+    others: ArrayLike,
+    confidence: float = 0.95,
+    units: tuple[np.ndarray | None, np.ndarray | None] = (None, None),
+) -> Estimate:
     """Difference of the means of independent values [S] and [S'], with Welch's interval.
 
     Raises:
-        ValueError: Fewer than two values in one of them.
+        ValueError: Fewer than two values or units in one of them.
     """
-    first, second = estimate(values, confidence), estimate(others, confidence)
+    first, second = estimate(values, confidence, units[0]), estimate(others, confidence, units[1])
     parts = np.array([first.se, second.se]) ** 2
-    freedom = np.array([np.size(values), np.size(others)]) - 1
+    sizes = [_grouped(labels, np.size(each))[0] for labels, each in zip(units, (values, others), strict=True)]
+    freedom = np.array(sizes) - 1
     se, mean = float(np.sqrt(parts.sum())), first.mean - second.mean
     if not 0 < se < np.inf:
         return Estimate(mean, se, mean - se, mean + se)

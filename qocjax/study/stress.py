@@ -21,8 +21,9 @@ from qocjax.study.character import lost_share
 from qocjax.study.margins import Bound, reach
 from qocjax.study.objective import Objective
 from qocjax.study.reliability import load_of, reliability_of
-from qocjax.study.statistics import paired
-from qocjax.study.sweep import qoc_by_seed
+from qocjax.study.scores import Scores
+from qocjax.study.statistics import estimate
+from qocjax.study.statistics import share as share_of
 
 __all__ = ["GROWTHS", "Stressed", "largest_growth", "of_runs", "stress_table"]
 
@@ -101,15 +102,17 @@ class Stressed:
         return {"kind": "Stressed", "name": self.name} | own | {"network": self.network.describe()}
 
 
-def of_runs(runs: xr.Dataset, k: int) -> dict[str, float]:
-    """What else is said of the k-th design of some runs."""
+def of_runs(runs: xr.Dataset, k: int, units: np.ndarray | None = None) -> dict[str, float]:
+    """What else is said of the k-th design of some runs, with 95 % intervals; `units` as of `units_of`."""
     auc = runs["auc"].values[k].astype(float)
+    cost = estimate(np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1), units=units)
+    collided = share_of(runs["collided"].values[k], units)
     return {
-        "auc": float(np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean()),
-        "collision_share": float(runs["collided"].values[k].mean()),
+        "auc": cost.mean, "auc_low": cost.low, "auc_high": cost.high,
+        "collision_share": collided.mean, "collision_low": collided.low, "collision_high": collided.high,
         "completed_share": float(runs["completed_share"].values[k].mean()),
         "age_peak_p99": float(np.quantile(runs["age_peak"].values[k], 0.99)),
-    }
+    }  # fmt: skip
 
 
 def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> pd.DataFrame:
@@ -121,8 +124,8 @@ def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> 
         seeds: [S] at least two.
 
     Returns:
-        Per case: what, deadline (s), reliability with its standard error, qoc, change with its 95 % interval, and what
-        `of_runs` says.
+        Per case: what, deadline (s), reliability with its standard error, qoc and change with both 95 % intervals
+        (`_whole_` with the error of J_med in it), and what `of_runs` says.
     """
     network, deadline = objective.network, float(np.asarray(design.deadline))
     longer = replace(design, deadline=1.5 * deadline)
@@ -136,17 +139,16 @@ def stress_table(objective: Objective, design: Design, seeds: Sequence[int]) -> 
         cases.append(("lost loops x 2", Stressed(network, double_losses=True), design))
     cases.append(("missed loops x 2", Stressed(network, miss_deadline=deadline), design))
     table: list[dict[str, Any]] = []
-    base: np.ndarray | None = None
+    base: Scores | None = None
     for what, worse, chosen in cases:
         runs, scores = _on(objective, worse, chosen, seeds)
         base = scores if base is None else base
-        gap = paired(scores, base)
         share, error = reliability_of(worse, objective.scenario, chosen.deadline, chosen.tau)
         table.append(
             {"what": what, "deadline": float(np.asarray(chosen.deadline)), "reliability": float(share),
-             "reliability_se": float(error), "qoc": float(scores.mean()),
-             "change": gap.mean, "change_low": gap.low, "change_high": gap.high}
-            | of_runs(runs, 0)
+             "reliability_se": float(error)}
+            | scores.mean().columns("qoc") | (scores - base).mean().columns("change")
+            | of_runs(runs, 0, scores.units)
         )  # fmt: skip
     return pd.DataFrame(table)
 
@@ -162,13 +164,13 @@ def largest_growth(objective: Objective, design: Design, seeds: Sequence[int], s
     """
     network = objective.network
     slower: list[Network] = [network if growth == 1.0 else Stressed(network, growth) for growth in GROWTHS]
-    scores = np.stack([_on(objective, worse, design, seeds)[1] for worse in slower])
-    return reach(GROWTHS, scores, (1.0 - share) * float(scores[0].mean()))
+    scores = np.stack([_on(objective, worse, design, seeds)[1].values for worse in slower])
+    return reach(GROWTHS, scores - (1.0 - share) * scores[0], 0.0, objective.units(seeds))
 
 
-def _on(objective: Objective, network: Network, design: Design, seeds: Sequence[int]) -> tuple[xr.Dataset, np.ndarray]:
-    """Runs and QoC by seed of one design on another network; the simulations count for the objective."""
+def _on(objective: Objective, network: Network, design: Design, seeds: Sequence[int]) -> tuple[xr.Dataset, Scores]:
+    """Runs and scores [S] of one design on another network; the simulations count for the objective."""
     setting = replace(objective, network=network, simulations=0)
     runs = setting.runs(design, seeds)
     objective.simulations += setting.simulations
-    return runs, qoc_by_seed(runs, objective.scale)[0]
+    return runs, setting.judged(runs)[0]

@@ -25,11 +25,12 @@ from qocjax.study.grid import Grid
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, POLICIES, NoDesignError, min_delay
 from qocjax.study.reliability import reliability_of
-from qocjax.study.scales import measured_scale
+from qocjax.study.scales import largest_auc, measured_scale
 from qocjax.study.scores import difference, score
 from qocjax.study.statistics import estimate
 from qocjax.study.table import qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
+from qocjax.study.units import units_of, with_units
 
 __all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
 
@@ -153,23 +154,28 @@ def study_of(
     selection, evaluation = _checked_seeds(selection_seeds, evaluation_seeds)
     _checks.bounded("min_reliability", min_reliability, least=0, most=1)
     _checks.bounded("chunk_steps", chunk_steps, above=0)
+    j_max = largest_auc(problem.scenario, j_max_of)
     reliability = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau)
     for sweep in dict.fromkeys(grid.sweep):  # raises before anything is simulated
         shares = reliability.share[grid.design[grid.rows(sweep)]]
         min_delay(np.zeros(shares.shape), shares, min_reliability)
     rest = (shelf or InMemory(), engine or LocalEngine(), chunk_steps, progress)
     first = run_part(problem, Part("selection", selection), *rest)
-    scale = scale or measured_scale(lambda: _auc_parts(first), len(selection), problem.scenario, j_max_of)
-    results = results_table(first.runs, grid, reliability, scale, first.failed)
+    units = [units_of(problem.network, seeds, problem.key) for seeds in (selection, evaluation)]
+    scale = scale or measured_scale(lambda: _auc_parts(first), units[0], j_max)
+    results = results_table(first.runs, grid, reliability, scale, first.failed, units[0])
     chosen = _choose(results, grid, min_reliability)
     places, inverse = np.unique(grid.design[[row for _, _, row in chosen if row is not None]], return_inverse=True)
     if not len(places):
         raise ValueError("policies: got no design that neither diverged nor failed, expected at least one to choose")
     second = run_part(problem, Part("evaluation", evaluation, tuple(places.tolist())), *rest)
-    policies = _judge(results, chosen, second, iter(inverse.tolist()), scale)
-    policies = policies.join(pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale)))
+    policies = _judge(results, chosen, second, iter(inverse.tolist()), scale, units[1])
+    policies = policies.join(pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale, units[0])))
     made_with = {str(each): each for each in (*first.made_with, *second.made_with)}
-    runs, judged = (part.runs if shelf else part.runs.load() for part in (first, second))
+    runs, judged = (
+        with_units(part.runs if shelf else part.runs.load(), each)
+        for part, each in zip((first, second), units, strict=True)
+    )
     failures = {**first.failures, **second.failures}
     return Study(
         results, policies, scale, runs, judged, failures, (*first.names, *second.names), tuple(made_with.values()),
@@ -209,6 +215,7 @@ def _judge(
     evaluation: PartRuns,
     places: Any,
     scale: QocScale,
+    units: np.ndarray,
 ) -> pd.DataFrame:
     """Scores of the choices on the evaluation seeds, and the paired difference of each policy to Co-design."""
     runs = evaluation.runs
@@ -223,12 +230,13 @@ def _judge(
         k, base = at[sweep, policy], at[sweep, "Co-design"]
         point = results.loc[row] if row is not None else dict.fromkeys(results.columns, np.nan)
         own, cost = (nothing, nothing[:, 0]) if k is None else (every[k], costs[k])
-        auc, gap = estimate(cost), difference(own, nothing if base is None else every[base], scale)
+        auc = estimate(cost, units=units)
+        gap = difference(own, nothing if base is None else every[base], scale, units)
         line = {
             "sweep": sweep, "policy": policy, "value": point["value"], "deadline": point["deadline"],
             "reliability": point["reliability"], "reliability_se": point["reliability_se"],
             "qoc_selection": point["qoc"],
-            **score(own, scale).columns("qoc"),
+            **score(own, scale, units).columns("qoc"),
             "auc": auc.mean, "auc_se": auc.se,
             **gap.columns("difference"),
             "collision_share": np.nan if k is None or k in evaluation.failed else runs["collided"].values[k].mean(),

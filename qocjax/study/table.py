@@ -33,7 +33,12 @@ def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
 
 
 def results_table(
-    runs: xr.Dataset, grid: Grid, reliability: Reliability, scale: QocScale, failed: Mapping[int, str] | None = None
+    runs: xr.Dataset,
+    grid: Grid,
+    reliability: Reliability,
+    scale: QocScale,
+    failed: Mapping[int, str] | None = None,
+    units: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """One row per (sweep, value, deadline) with every metric and its standard error over seeds (SI units).
 
@@ -44,8 +49,9 @@ def results_table(
         scale: Of the QoC.
         failed: Designs of which runs are missing, by their place, and why: their metrics are NaN, and a column `error`
             says why; without any there is no such column.
+        units: [S] Labels of the seeds, see `units_of`.
     """
-    blocks = [(places, _by_design(runs.isel(design=places).load(), scale)) for places in _blocks(runs)]
+    blocks = [(places, _by_design(runs.isel(design=places).load(), scale, units)) for places in _blocks(runs)]
     designs = pd.concat([table.set_index(places) for places, table in blocks]).sort_index()
     place = [item.name for item in fields(Design)]
     designs.insert(len(place), "reliability", reliability.share)
@@ -85,14 +91,14 @@ def _blocks(runs: xr.Dataset) -> Iterator[np.ndarray]:
     yield from np.split(order, range(rows, len(order), rows))
 
 
-def _by_design(runs: xr.Dataset, scale: QocScale) -> pd.DataFrame:
+def _by_design(runs: xr.Dataset, scale: QocScale, units: np.ndarray | None) -> pd.DataFrame:
     designs = pd.DataFrame({item.name: runs[item.name].values for item in fields(Design)})
     scores = qoc_by_seed(runs, scale)
-    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores)
+    designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores, units=units)
     for name in _AVERAGED:
         values = runs[name].values.astype(np.float64)
         by_seed = values.mean(axis=-1) if values.ndim == 3 else values
-        designs[name], designs[f"{name}_se"] = by_seed.mean(axis=1), standard_error(by_seed)
+        designs[name], designs[f"{name}_se"] = by_seed.mean(axis=1), standard_error(by_seed, units=units)
     designs["collision_share"] = runs["collided"].values.mean(axis=1)
     designs["diverged_share"] = np.any(~np.isfinite(runs["auc"].values), axis=2).mean(axis=1)
     _add_arrivals(designs, runs["arrival_time"].values)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from scipy import special
 
 from qocjax.quality import QocScale
 from qocjax.study.grid import Grid
+from qocjax.study.statistics import standard_error, student
 from qocjax.study.table import qoc_by_seed
 
 __all__ = ["tie_columns", "tie_lines"]
@@ -20,7 +20,12 @@ Choice = tuple[str, str, int | None]  # sweep, policy, row of the results
 
 
 def tie_columns(
-    runs: xr.Dataset, grid: Grid, results: pd.DataFrame, chosen: Sequence[Choice], scale: QocScale
+    runs: xr.Dataset,
+    grid: Grid,
+    results: pd.DataFrame,
+    chosen: Sequence[Choice],
+    scale: QocScale,
+    units: np.ndarray | None = None,
 ) -> list[dict[str, Any]]:
     """For each choice the values that tie with it, and the stretch of deadlines.
 
@@ -34,12 +39,17 @@ def tie_columns(
         results: The table.
         chosen: From the policies.
         scale: Of the QoC.
+        units: [S] Labels of the seeds, see `units_of`.
 
     Returns:
         For each choice `tied_values` (text, values separated by blanks), and at the chosen value `tied_deadline_low`
         and `tied_deadline_high` (s).
     """
-    return [_ties(runs, grid, results, *choice, scale) for choice in chosen]
+
+    def equal(rows: np.ndarray, place: int) -> np.ndarray:
+        return _equal(qoc_by_seed(runs.isel(design=grid.design[rows]), scale), place, units)
+
+    return [_ties(equal, grid, results, *choice) for choice in chosen]
 
 
 def tie_lines(policies: pd.DataFrame) -> list[str]:
@@ -56,7 +66,12 @@ def tie_lines(policies: pd.DataFrame) -> list[str]:
 
 
 def _ties(
-    runs: xr.Dataset, grid: Grid, results: pd.DataFrame, sweep: str, policy: str, row: int | None, scale: QocScale
+    equal: Callable[[np.ndarray, int], np.ndarray],
+    grid: Grid,
+    results: pd.DataFrame,
+    sweep: str,
+    policy: str,
+    row: int | None,
 ) -> dict[str, Any]:
     if row is None:
         return {"tied_values": "", "tied_deadline_low": np.nan, "tied_deadline_high": np.nan}
@@ -65,8 +80,8 @@ def _ties(
     free = policy == "Co-design"  # the deadline too
     qoc = results["qoc"].where(results["diverged_share"] == 0, -np.inf).fillna(-np.inf).to_numpy()[rows]
     own = qoc.argmax(axis=1) if free else np.full(len(rows), deadline)
-    values = _equal(runs, grid, rows[np.arange(len(rows)), own], value, scale)
-    along = _equal(runs, grid, rows[value], deadline, scale) if free else np.arange(rows.shape[1]) == deadline
+    values = equal(rows[np.arange(len(rows)), own], value)
+    along = equal(rows[value], deadline) if free else np.arange(rows.shape[1]) == deadline
     axis = grid.deadline[rows[0]][along]
     return {
         "tied_values": " ".join(f"{each:g}" for each in grid.value[rows[:, 0]][values]),
@@ -74,10 +89,9 @@ def _ties(
     }  # fmt: skip
 
 
-def _equal(runs: xr.Dataset, grid: Grid, rows: np.ndarray, chosen: int, scale: QocScale) -> np.ndarray:
-    """Which rows [K] cannot be told from the chosen one of them."""
-    scores = qoc_by_seed(runs.isel(design=grid.design[rows]), scale)
+def _equal(scores: np.ndarray, chosen: int, units: np.ndarray | None) -> np.ndarray:
+    """Which of the scores [K, S] cannot be told from the chosen ones."""
     gap = scores - scores[chosen]
-    seeds = gap.shape[1]
-    half = float(special.stdtrit(seeds - 1, 0.975)) * gap.std(axis=1, ddof=1) / np.sqrt(seeds)
-    return (gap.mean(axis=1) + half >= 0.0) | (np.arange(len(rows)) == chosen)
+    observations = gap.shape[1] if units is None else np.unique(units).size
+    half = student(observations) * standard_error(gap, units=units)
+    return (gap.mean(axis=1) + half >= 0.0) | (np.arange(len(gap)) == chosen)

@@ -11,6 +11,7 @@ import pandas as pd
 from qocjax import _checks
 from qocjax.scenario import Design
 from qocjax.study.grid import Grid
+from qocjax.study.scores import Scores
 from qocjax.study.search.find import FIRST, Found, find
 from qocjax.study.search.judge import Judged, judge, stacked, tie_set
 from qocjax.study.search.policies import policy_designs
@@ -84,7 +85,7 @@ def compete(
     return Contest(finals.iloc[place], finals, curve, policies, _ties(problem, found, place, seeds))
 
 
-def _judge_policies(problem: Problem, picks: pd.DataFrame, seeds: range) -> tuple[pd.DataFrame, np.ndarray | None]:
+def _judge_policies(problem: Problem, picks: pd.DataFrame, seeds: range) -> tuple[pd.DataFrame, Scores | None]:
     """The policies' designs on fresh seeds, and the QoC of the best of them (as chosen) by seed."""
     if picks.empty:
         return picks, None
@@ -93,7 +94,7 @@ def _judge_policies(problem: Problem, picks: pd.DataFrame, seeds: range) -> tupl
     return pd.concat([picks[["policy", "sweep", "simulations"]], judged.table], axis=1), judged.scores[0]
 
 
-def _judge_finals(problem: Problem, found: list[Found], seeds: range, reference: np.ndarray | None) -> pd.DataFrame:
+def _judge_finals(problem: Problem, found: list[Found], seeds: range, reference: Scores | None) -> pd.DataFrame:
     judged = judge(problem, stacked([one.design for one in found]), seeds, reference)
     head = pd.DataFrame(
         {

@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from qocjax.scenario import Design
+from qocjax.study.scores import Scores
 from qocjax.study.search.trial import Problem
+from qocjax.study.statistics import share
 
 __all__ = ["Judged", "judge", "stacked", "tie_set"]
 
@@ -20,7 +21,7 @@ class Judged:
     """Designs with what fresh seeds say of them."""
 
     table: pd.DataFrame  # one row per design
-    scores: np.ndarray  # [G, S] QoC
+    scores: Scores  # [G, S]
 
 
 def stacked(designs: Sequence[Design]) -> Design:
@@ -30,7 +31,7 @@ def stacked(designs: Sequence[Design]) -> Design:
     return Design(*parts)
 
 
-def judge(problem: Problem, designs: Design, seeds: range, reference: np.ndarray | None = None) -> Judged:
+def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | None = None) -> Judged:
     """Simulates designs on seeds that nothing was chosen on.
 
     Args:
@@ -40,30 +41,29 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: np.ndarray
         reference: [S] QoC of a design on the same seeds, that the differences are taken to.
 
     Returns:
-        The table holds the design; `score` (the measure) with its 95 % interval; `qoc` (the mean); the collision share
-        with its Clopper-Pearson interval; F(Delta); the demand; `excess` and `feasible`; and with a reference
-        `difference` with its paired interval.
+        The table holds the design; `score` (the measure) with both 95 % intervals (`_whole_` with the error of J_med in
+        it); `qoc` (the mean); the collision share with its Clopper-Pearson interval; F(Delta); the demand; `excess` and
+        `feasible`; `at_edge`, the bounds of the search that it lies at; and with a reference `difference` with its
+        paired intervals.
     """
-    scores, collided = problem.simulate(designs, seeds)
-    demand = problem.demand(np.asarray(designs.tau))
+    scores, collided = problem.judged(designs, seeds)
     table = pd.DataFrame({item.name: np.asarray(getattr(designs, item.name), float) for item in fields(Design)})
-    intervals = [problem.measure.interval(row) for row in scores]
-    table["score"] = [found.mean for found in intervals]
-    table["score_low"] = [found.low for found in intervals]
-    table["score_high"] = [found.high for found in intervals]
-    table["qoc"] = scores.mean(axis=1)
-    shares = [stats.binomtest(int(row.sum()), row.size).proportion_ci() for row in collided]
+    count, measure = len(table), problem.measure
+    found = [measure.interval(scores[k]).columns("score") for k in range(count)]
+    table = pd.concat([table, pd.DataFrame(found)], axis=1)
+    table["qoc"] = scores.values.mean(axis=1)
+    shares = [share(row, scores.units) for row in collided]
     table["collision_share"] = collided.mean(axis=1)
     table["collision_low"], table["collision_high"] = [s.low for s in shares], [s.high for s in shares]
     table["reliability"], table["reliability_se"] = problem.objective.reliability(table["deadline"], table["tau"])
-    for name, values in asdict(demand).items():
+    for name, values in asdict(problem.demand(np.asarray(designs.tau))).items():
         table[name] = values
     table["excess"] = problem.excess(designs, collided)
     table["feasible"] = table["excess"] == 0
+    table["at_edge"] = [problem.space.at_bounds(row) for row in table.to_dict("records")]
     if reference is not None:
-        gaps = [problem.measure.difference(row, reference) for row in scores]
-        table["difference"] = [gap.mean for gap in gaps]
-        table["difference_low"], table["difference_high"] = [g.low for g in gaps], [g.high for g in gaps]
+        gaps = [measure.difference(scores[k], reference).columns("difference") for k in range(count)]
+        table = pd.concat([table, pd.DataFrame(gaps)], axis=1)
     return Judged(table, scores)
 
 
@@ -73,10 +73,10 @@ def tie_set(problem: Problem, judged: Judged, chosen: int) -> np.ndarray:
     All intervals hold at once with 95 % (Bonferroni): a design is left out only where it is surely told apart. Designs
     that break the limits are no ties.
     """
-    others = len(judged.scores) - 1
-    confidence = 1 - 0.05 / max(others, 1)
+    count = len(judged.table)
+    confidence = 1 - 0.05 / max(count - 1, 1)
     ties = []
-    for row, scores in enumerate(judged.scores):
-        gap = problem.measure.difference(scores, judged.scores[chosen], confidence)
+    for row in range(count):
+        gap = problem.measure.difference(judged.scores[row], judged.scores[chosen], confidence).given
         ties.append(row == chosen or (gap.high >= 0 and bool(judged.table["feasible"].iloc[row])))
     return np.array(ties)

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from qocjax import _checks
-from qocjax.study.statistics import Estimate, paired, standard_error
+from qocjax.study.scores import Scored, Scores
+from qocjax.study.statistics import Estimate, resampled, standard_error
 
 __all__ = ["MEASURES", "Measure"]
 
 MEASURES = ("mean", "cvar")
+
+_RESAMPLES = 2000
+_STEP = 1e-6  # of ln J_med
 
 
 @dataclass(frozen=True)
@@ -50,23 +53,38 @@ class Measure:
         count = max(2, int(np.ceil(self.tail * values.shape[-1])))
         return standard_error(np.sort(values, axis=-1)[..., :count])
 
-    def interval(self, scores: ArrayLike, confidence: float = 0.95) -> Estimate:
-        """The measure with its interval: Student's for the mean, a bootstrap for CVaR."""
-        return self.difference(scores, np.zeros_like(np.asarray(scores, np.float64)), confidence)
+    def interval(self, scores: Scores, confidence: float = 0.95) -> Scored:
+        """The measure of scores [S] with its two intervals: Student's for the mean, a bootstrap for CVaR."""
+        if self.name == "mean":
+            return scores.mean(confidence)
+        return self._bootstrapped(scores, None, confidence)
 
-    def difference(self, scores: ArrayLike, others: ArrayLike, confidence: float = 0.95) -> Estimate:
+    def difference(self, scores: Scores, others: Scores, confidence: float = 0.95) -> Scored:
         """The measure of `scores` less that of `others` over common seeds [S]: paired Student, or paired bootstrap.
 
         Raises:
             ValueError: Different lengths, or fewer than two seeds.
         """
-        a, b = np.asarray(scores, np.float64), np.asarray(others, np.float64)
-        if self.name == "mean" or np.array_equal(a, b):
-            return paired(a, b, confidence)
-        paired(a, b)  # checks the shapes
-        found = stats.bootstrap(
-            (a, b), lambda x, y, axis=-1: self(x, axis) - self(y, axis), paired=True, vectorized=True,
-            n_resamples=2000, confidence_level=confidence, method="percentile", random_state=np.random.default_rng(0),
-        )  # fmt: skip
-        low, high = found.confidence_interval
-        return Estimate(float(self(a) - self(b)), float(found.standard_error), float(low), float(high))
+        if self.name == "mean" or np.array_equal(scores.values, others.values):
+            return (scores - others).mean(confidence)
+        return self._bootstrapped(scores, others, confidence)
+
+    def _bootstrapped(self, scores: Scores, others: Scores | None, confidence: float) -> Scored:
+        """Percentiles over resampled observations; the error of J_med widens them by the slope of the measure."""
+        (scores if others is None else scores - others).mean()  # checks the shapes
+        sets = [scores] if others is None else [scores, others]
+        drawn = resampled(scores.values.size, scores.units, _RESAMPLES)
+        signs = (1.0, -1.0)
+        found = sum(sign * self(each.values[drawn]) for sign, each in zip(signs, sets, strict=False))
+        value = float(sum(sign * self(each.values) for sign, each in zip(signs, sets, strict=False)))
+        low, high = np.quantile(np.asarray(found), [(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0])
+        se = float(np.std(found, ddof=1))
+        slope = float(sum(sign * self._slope(each) for sign, each in zip(signs, sets, strict=False)))
+        whole = float(np.hypot(se, slope * scores.scale.median_se / scores.scale.median))
+        wider = whole / se if se > 0.0 else 1.0
+        given = Estimate(value, se, float(low), float(high))
+        return Scored(given, Estimate(value, whole, value - wider * (value - low), value + wider * (high - value)))
+
+    def _slope(self, scores: Scores) -> float:
+        """Derivative of the measure in ln J_med: that of the seeds of the tail."""
+        return float(self(scores.values + _STEP * scores.slopes) - self(scores.values)) / _STEP

@@ -9,6 +9,7 @@ import numpy as np
 
 from qocjax import _checks
 from qocjax.scenario import CONTINUOUS, Design
+from qocjax.study.edges import at_bounds
 
 __all__ = ["Space"]
 
@@ -56,6 +57,12 @@ class Space:
     def dim(self) -> int:
         """D."""
         return len(self.names)
+
+    def at_bounds(self, design: Mapping[str, float]) -> str:
+        """At which ends of the space a design lies, see `edges.at_bounds`."""
+        lists = {"tau": self.tau} | ({"deadline": self.deadline} if self.deadline_axis else {})
+        bounds = dict(self.bounds) | ({} if self.deadline_axis else {"deadline": tuple(self.deadline)})
+        return at_bounds(design, bounds, lists)
 
     def choices(self) -> list[int]:
         """For each coordinate the number of values to choose from, 0 for a continuous one."""

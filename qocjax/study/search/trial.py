@@ -11,6 +11,7 @@ from qocjax.network.demand import Demand, Traffic
 from qocjax.quality import qoc_slope
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
+from qocjax.study.scores import Scores
 from qocjax.study.search.limits import Limits
 from qocjax.study.search.measure import Measure
 from qocjax.study.search.space import Space
@@ -40,6 +41,11 @@ class Problem:
         """QoC and whether robots collided, each [G, S]."""
         runs = self.objective.runs(designs, seeds)
         return qoc_by_seed(runs, self.objective.scale), runs["collided"].values.astype(bool)
+
+    def judged(self, designs: Design, seeds: range) -> tuple[Scores, np.ndarray]:
+        """As `simulate`, with what the intervals of the scores need."""
+        runs = self.objective.runs(designs, seeds)
+        return self.objective.judged(runs), runs["collided"].values.astype(bool)
 
     def demand(self, tau: np.ndarray) -> Demand:
         """What sampling periods (s) ask of network and edge."""

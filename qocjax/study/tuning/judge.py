@@ -11,7 +11,6 @@ import pandas as pd
 from qocjax import _checks
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
-from qocjax.study.statistics import estimate, paired
 from qocjax.study.tuning.bounds import Bounds
 from qocjax.study.tuning.estimators import Slopes
 from qocjax.study.tuning.problem import Problem, spread_starts
@@ -98,26 +97,26 @@ def judge(problem: Problem, free: np.ndarray, selection: np.ndarray, evaluation_
         evaluation_seeds: Fresh seeds.
 
     Returns:
-        One row per point: QoC with its 95 % interval on fresh seeds, the paired difference to the chosen one
-        (`tied` where its interval holds zero), and the paired gain over the baseline at the same deadline.
+        One row per point: QoC on fresh seeds, the paired difference to the chosen one (`tied` where its interval holds
+        zero), and the paired gain over the baseline at the same deadline, each with both 95 % intervals (`_whole_` with
+        the error of J_med in it); and at which bounds of the search it lies.
     """
     best = int(selection.mean(axis=1).argmax())
-    scores = problem.scores(free, evaluation_seeds)
-    axis, place = np.unique(problem.deadlines, return_inverse=True)
-    untuned = Problem(problem.objective, problem.baseline, problem.bounds, axis).untuned(evaluation_seeds)
+    scores, untuned = problem.judged(free, evaluation_seeds)
     values = problem.bounds.values(free)
     rows = []
     for k, deadline in enumerate(problem.deadlines):
-        score, gap, gain = estimate(scores[k]), paired(scores[k], scores[best]), paired(scores[k], untuned[place[k]])
+        gap = (scores[k] - scores[best]).mean()
         rows.append(
             {"deadline": deadline}
             | dict(zip(problem.bounds.names, values[k], strict=True))
+            | {"qoc_selection": selection[k].mean()}
+            | scores[k].mean().columns("qoc")
+            | gap.columns("difference")
+            | (scores[k] - untuned[k]).mean().columns("gain")
             | {
-                "qoc_selection": selection[k].mean(), "qoc": score.mean, "qoc_se": score.se,
-                "qoc_low": score.low, "qoc_high": score.high,
-                "difference": gap.mean, "difference_low": gap.low, "difference_high": gap.high,
-                "gain": gain.mean, "gain_low": gain.low, "gain_high": gain.high,
-                "chosen": k == best, "tied": k == best or gap.low <= 0.0 <= gap.high, "seeds": scores.shape[1],
+                "chosen": k == best, "tied": k == best or gap.given.low <= 0.0 <= gap.given.high,
+                "seeds": scores.values.shape[1], "at_edge": problem.at_bounds(deadline, values[k]),
             }
         )  # fmt: skip
     table = pd.DataFrame(rows)

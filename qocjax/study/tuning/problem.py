@@ -16,7 +16,9 @@ from qocjax.batch.runner import Drawn, metrics
 from qocjax.closed_loop import Plan
 from qocjax.quality import qoc, qoc_slope
 from qocjax.scenario import Design, Scenario
+from qocjax.study.edges import at_bounds
 from qocjax.study.objective import Objective
+from qocjax.study.scores import Scores
 from qocjax.study.tuning.bounds import Bounds
 
 __all__ = ["Problem", "spread_starts"]
@@ -45,9 +47,18 @@ class Problem:
         found = self.objective.scores(self.designs(free), seeds)
         return found.reshape(*np.shape(free)[:-1], len(seeds))
 
-    def untuned(self, seeds: Sequence[int]) -> np.ndarray:
-        """QoC by seed of the baseline at each deadline, [G, S]."""
-        return self.objective.scores(replace(self.baseline, deadline=self.deadlines), seeds)
+    def judged(self, free: np.ndarray, seeds: Sequence[int]) -> tuple[Scores, Scores]:
+        """Scores [G, S] of points [G, d], and of the baseline at the same deadlines."""
+        axis, place = np.unique(self.deadlines, return_inverse=True)
+        own, untuned = self.designs(free), replace(self.baseline, deadline=axis)
+        found = [self.objective.judged(self.objective.runs(designs, seeds)) for designs in (own, untuned)]
+        return found[0], found[1][place]
+
+    def at_bounds(self, deadline: float, values: np.ndarray) -> str:
+        """At which ends of what is searched a point lies; empty for none."""
+        design: dict[str, float] = {"deadline": deadline} | dict(zip(self.bounds.names, values, strict=True))
+        ends = zip(self.bounds.low.tolist(), self.bounds.high.tolist(), strict=True)
+        return at_bounds(design, dict(zip(self.bounds.names, ends, strict=True)), {"deadline": self.deadlines.tolist()})
 
     def pathwise(self, free: np.ndarray, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """QoC of each run and its derivative in the free coordinates, by differentiating the closed loop.
