@@ -71,7 +71,9 @@ def comparison_text(table: pd.DataFrame) -> str:
             "study": table["study"],
             "value": table["value"].map("{:g}".format),
             "Δ (ms)": (table["deadline"] * 1e3).map("{:g}".format),
-            "QoC ± SE": [f"{q:.4f} ± {se:.4f}" for q, se in zip(table["qoc"], table["qoc_se"], strict=True)],
+            "QoC ± SE (with J_med's)": [
+                f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})" for r in table.itertuples()
+            ],
             f"difference to {first} [95 %]": [_difference(row) for row in table.to_dict("records")],
         }
     )

@@ -38,6 +38,7 @@ from qocjax.study.fleet.tables import (
     steps_table,
 )
 from qocjax.study.reliability import load_of, reliability_of, share_text
+from qocjax.study.scales import scale_text
 from qocjax.study.sweep import Study, study_of
 
 __all__ = ["fleet_text", "main", "run"]
@@ -102,7 +103,7 @@ class _Runner:
         place = None if self.folder is None else self.folder / PARTS / task.name
         with study_folder(place, config.identity(), data_of(problem), _note) if place else nullcontext() as shelf:
             found = study_of(
-                problem, grid, *config.seeds(), min_reliability=least, scale=config.scale(), shelf=shelf,
+                problem, grid, *config.seeds(), min_reliability=least, scale=scale or config.scale(), shelf=shelf,
                 engine=self.engine, chunk_steps=config.chunk_steps,
             )  # fmt: skip
         return found, problem
@@ -243,8 +244,9 @@ def _write(study: FleetStudy, config: FleetConfig, runs: Runs, folder: Path) -> 
         write_fleet_report(folder / "report.html", study, config, runs)
     first = next(iter(runs.values()))[1]
     record = {
-        "j_med": study.scale.median, "j_max": study.scale.largest, "target": study.asked.qoc,
-        "answers": answers(study), "network": first.network.describe(), "key": config.key,
+        "j_med": study.scale.median, "j_med_se": study.scale.median_se, "j_max": study.scale.largest,
+        "target": study.asked.qoc, "answers": answers(study), "network": first.network.describe(),
+        "key": config.key,
     }  # fmt: skip
     write_json(folder / RECORD, record | provenance())
 
@@ -260,8 +262,7 @@ def main(cfg: DictConfig) -> None:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"resume={folder} goes on") from None
     print(fleet_text(study))
-    scale = study.scale
-    print(f"\nQoC is relative to J_med = {scale.median:.4g} s and J_max = {scale.largest:.4g} s, of the first fleet.")
+    print(f"\n{scale_text(study.scale, 'given' if config.scale() else 'of the first fleet', True)}")
     print(f"Tables, figures and the record are in {folder}")
 
 

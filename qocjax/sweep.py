@@ -163,7 +163,10 @@ def policy_text(policies: pd.DataFrame) -> str:
             "value": policies["value"].map("{:g}".format) + stars[0],
             "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format) + stars[1],
             "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
-            "QoC ± SE": _plus_minus(policies, "qoc", 4),
+            "QoC ± SE (with J_med's)": [
+                f"{text} ({error:.4f})"
+                for text, error in zip(_plus_minus(policies, "qoc", 4), policies["qoc_whole_se"], strict=True)
+            ],
             "to Co-design [95 %]": [
                 "" if row.policy == "Co-design"
                 else f"{row.difference:+.4f} [{row.difference_low:+.4f}, {row.difference_high:+.4f}]"
@@ -253,8 +256,8 @@ def main(cfg: DictConfig) -> None:
         print("\n".join(f"  {line}" for line in lines))
     print(f"\n{read_record(folder)['computations_at_once']}")
     print(scale_text(scale, "given" if config.scale() else "of this study", columns=True))
-    if text := study_remark(config.build_network(), study.policies):
-        print(f"note: {text}")
+    if remark := study_remark(config.build_network(), study.policies):
+        print(f"note: {remark}")
     if text := hanging_text(study, config):
         print(text)
     print(f"Tables, figures and the record are in {folder}")

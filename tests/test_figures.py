@@ -205,6 +205,22 @@ def test_map_cells_hold_the_table_and_points_the_policies() -> None:
     assert bold == ["0.6"]
 
 
+def test_map_shows_what_ties_with_co_design() -> None:
+    table = POLICIES.copy()
+    own = table[(table["sweep"] == "eta") & (table["policy"] == "Co-design")].iloc[0]
+    ends = sorted([own["deadline"], DEADLINES[0] if own["deadline"] > DEADLINES[0] else DEADLINES[1]])
+    table["tied_values"], table["tied_deadline_low"], table["tied_deadline_high"] = "0 0.6", ends[0], ends[1]
+    axes = qoc_map(RESULTS, table, "eta").axes[0]
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    marks = next(line for line in axes.lines if line.get_marker() == ">")
+    assert [float(names[int(y)]) for _, y in points_of(marks)] == [0.0, 0.6]
+    span = next(line for line in axes.lines if line.get_marker() == "|")
+    np.testing.assert_allclose(points_of(span)[:, 0], 1e3 * np.array(ends))
+    assert float(names[int(points_of(span)[0][1])]) == own["value"]
+    table["tied_values"], table["tied_deadline_low"], table["tied_deadline_high"] = "0.6", 0.2, 0.2
+    assert len(qoc_map(RESULTS, table, "eta").axes[0].lines) == 3
+
+
 def test_map_refuses_a_choice_outside_its_grid() -> None:
     table = POLICIES.copy()
     table.loc[table["sweep"] == "eta", "value"] = 0.7

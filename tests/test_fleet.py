@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
 from matplotlib.collections import QuadMesh
+from scipy import stats
 from test_report import Visit, browser  # noqa: F401 - a fixture
 
 from qocjax.config import conf_dir, load
@@ -27,7 +28,6 @@ from qocjax.fleet import fleet_text, run
 from qocjax.quality import QocScale
 from qocjax.study.engine import LocalEngine
 from qocjax.study.fleet import Asked, Crossing, Layout, Point, crossing, largest_fleet
-from qocjax.study.fleet.point import share_interval
 from qocjax.study.fleet.tables import (
     FleetStudy,
     answers,
@@ -38,6 +38,7 @@ from qocjax.study.fleet.tables import (
     steps_table,
 )
 from qocjax.study.reliability import reliability_of
+from qocjax.study.statistics import share
 
 ROOT = Path(__file__).parents[1]
 SMALL = [
@@ -100,15 +101,15 @@ def test_robots_that_are_apart_never_meet(robots: int) -> None:
 def point(robots: int, scores: Any, collided: Any = None, **row: Any) -> Point:
     scores = np.asarray(scores, float)
     close = np.zeros(scores.size, bool) if collided is None else np.asarray(collided, bool)
-    low, high = share_interval(int(close.sum()), close.size)
+    hits = share(close)
     error = scores.std(ddof=1) / np.sqrt(scores.size)
     found = {
         "robots": robots, "tau": 0.05, "deadline": 0.2, "qoc": scores.mean(), "qoc_se": error,
         "qoc_low": scores.mean() - 2 * error, "qoc_high": scores.mean() + 2 * error, "auc": 1.0, "auc_se": 0.1,
-        "reliability": 0.5, "reliability_se": 0.01, "collision_share": close.mean(), "collision_low": low,
-        "collision_high": high,
+        "reliability": 0.5, "reliability_se": 0.01, "collision_share": close.mean(), "collision_low": hits.low,
+        "collision_high": hits.high,
     }  # fmt: skip
-    return Point(robots, 0.2, scores, close, found | row)
+    return Point(robots, 0.2, scores, close, np.arange(scores.size), found | row)
 
 
 def test_crossing_is_linear_in_the_logarithm() -> None:
@@ -154,8 +155,12 @@ def test_largest_fleet_ends_at_the_first_that_fails() -> None:
 
 def test_share_interval_is_exact() -> None:
     """Clopper and Pearson: of no event in n, the upper end is 1 - (alpha / 2)^(1 / n)."""
-    assert share_interval(0, 16) == (0.0, pytest.approx(1 - 0.025 ** (1 / 16)))
-    assert share_interval(16, 16) == (pytest.approx(0.025 ** (1 / 16)), 1.0)
+    never, always = share(np.zeros(16)), share(np.ones(16))
+    assert (never.low, never.high) == (0.0, pytest.approx(1 - 0.025 ** (1 / 16)))
+    assert (always.low, always.high) == (pytest.approx(0.025 ** (1 / 16)), 1.0)
+    for hits in (1, 7, 15):
+        found, exact = share(np.arange(16) < hits), stats.binomtest(hits, 16).proportion_ci()
+        assert (found.low, found.high) == (pytest.approx(exact.low), pytest.approx(exact.high))
 
 
 def cells(scores: dict[tuple[int, int], list[float]]) -> dict[tuple[int, int], Point]:
@@ -326,7 +331,9 @@ def test_another_study_has_no_place_in_the_folder(study: FleetStudy, folder: Pat
 def test_own_scale_given_is_the_own_scale(study: FleetStudy) -> None:
     scale, few = study.scale, ["fleet.map.prbs=[]"]
     again = run(config(f"fleet.j_med={scale.median!r}", f"fleet.j_max={scale.largest!r}", *few))
-    pd.testing.assert_frame_equal(again.points, study.points, check_exact=True)
+    given = [name for name in study.points if "_whole_" not in name]  # a scale that is given has no error
+    pd.testing.assert_frame_equal(again.points[given], study.points[given], check_exact=True)
+    assert (again.points["qoc_whole_se"] < study.points["qoc_whole_se"]).all()
     other = run(config(f"fleet.j_med={3 * scale.median!r}", f"fleet.j_max={scale.largest!r}", *few))
     assert (other.points["qoc"] > study.points["qoc"]).all() and other.scale != scale
 

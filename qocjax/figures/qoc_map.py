@@ -35,7 +35,8 @@ def qoc_map(
     """Draws QoC as a heat map over (Δ, Θ), with each policy's choice marked.
 
     Deadlines are to scale, each cell reaching half-way to the next; values are evenly spaced whatever their grid. The
-    baseline's label is bold. The top axis shows where F(Δ) passes 1, 50 and 99 %.
+    baseline's label is bold. The top axis shows where F(Δ) passes 1, 50 and 99 %. Where `policies` says what the seeds
+    cannot tell from Co-design's choice, a line spans its deadlines, and triangles on the left point at its values.
 
     Args:
         results: One row per sweep, value and deadline.
@@ -64,8 +65,11 @@ def qoc_map(
         _draw_cells(figure, axes, 1e3 * deadlines, qoc)
         _label_values(axes, sweep, values, chosen)
         _mark_reliability(axes, table)
+        ties = _draw_ties(axes, policies, sweep, values)
         handles = [_draw_point(axes, name, 1e3 * deadline, index) for name, (deadline, index) in points.items()]
-        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=1.0)
+        handles += ties
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=1.0,
+                      columnspacing=1.2)  # fmt: skip
     return figure
 
 
@@ -123,6 +127,31 @@ def _mark_reliability(axes: Axes, table: pd.DataFrame) -> None:
     top = axes.secondary_xaxis("top")
     top.set_xticks(at, labels=[f"{level:.0%}" for level in reached])
     top.set_xlabel(RELIABILITY_LABEL, labelpad=2)
+
+
+def _draw_ties(axes: Axes, policies: pd.DataFrame, sweep: str, values: NDArray[np.float64]) -> list[Line2D]:
+    """Marks values and deadlines that tie with Co-design's; nothing where it stands alone."""
+    rows = policies[(policies["sweep"] == sweep) & (policies["policy"] == "Co-design")]
+    if "tied_values" not in policies or rows.empty:
+        return []
+    row = rows.iloc[0]
+    tied = [int(np.argmin(np.abs(values - float(text)))) for text in str(row["tied_values"]).split()]
+    low, high = 1e3 * row["tied_deadline_low"], 1e3 * row["tied_deadline_high"]
+    rim = [Stroke(linewidth=1.8, foreground="w"), Normal()]
+    handles = []
+    if high > low:
+        at = int(np.argmin(np.abs(values - row["value"])))
+        (span,) = axes.plot([low, high], [at, at], color="k", lw=0.9, marker="|", ms=5, zorder=4)
+        span.set_path_effects(rim)
+        handles = [span]
+    if len(tied) > 1:
+        (marks,) = axes.plot(np.full(len(tied), 0.02), tied, ls="", marker=">", ms=3, color="k", zorder=6,
+                             transform=axes.get_yaxis_transform())  # fmt: skip
+        marks.set_path_effects(rim)
+        handles = handles or [marks]
+    for handle in handles:
+        handle.set_label("ties")
+    return handles
 
 
 def _draw_point(axes: Axes, name: str, x: float, y: float) -> Line2D:

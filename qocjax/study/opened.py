@@ -44,7 +44,8 @@ def open_study(folder: str | Path) -> Study:
     parts = {part: _runs(folder, part, record) for part in ("selection", "evaluation")}
     scale = QocScale(record["j_med"], record["j_max"], record.get("j_med_se", 0.0))
     return Study(
-        tables["results"], tables["policies"], scale, parts["selection"], parts["evaluation"], record["failures"], record["chunks"], record["made_with"], record["configuration"],
+        tables["results"], tables["policies"], scale, parts["selection"], parts["evaluation"], record["failures"],
+        record["chunks"], record["made_with"], record["configuration"],
     )  # fmt: skip
 
 

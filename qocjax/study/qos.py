@@ -48,6 +48,7 @@ class QosStudy:
     results: pd.DataFrame  # one row per profile, loss, burst and deadline
     transport: pd.DataFrame  # one row per profile, loss and burst
     best: pd.DataFrame  # one row per profile, loss and burst, each at its own best deadline
+    most: pd.DataFrame  # one row per profile, loss and burst, at the one deadline at which it gains most
     scale: QocScale
     cells: list[Cell]
 
@@ -112,8 +113,9 @@ def qos_study(
         every = np.concatenate([cell.runs["auc"].values for cell in cells])
         scale = scale_of_runs(every, scenario, units=np.asarray(seeds))
     results = _results(cells, np.asarray(deadlines, float), scale, next(iter(profiles)))
-    best = _best_deadlines(cells, scale, next(iter(profiles)))
-    return QosStudy(results, pd.DataFrame(rows), best, scale, cells)
+    first = next(iter(profiles))
+    best, most = _best_deadlines(cells, scale, first), _most_gain(cells, scale, first)
+    return QosStudy(results, pd.DataFrame(rows), best, most, scale, cells)
 
 
 def _results(cells: list[Cell], deadlines: np.ndarray, scale: QocScale, baseline: str) -> pd.DataFrame:
@@ -172,9 +174,27 @@ def _best_deadlines(cells: list[Cell], scale: QocScale, baseline: str) -> pd.Dat
         place = {"profile": cell.profile, "loss": cell.loss, "burst": cell.burst, "deadline": float(deadlines[k])}
         ends = at_bounds(place, {}, {"deadline": deadlines.tolist()})
         rows.append(place | _compared(judged, found[at]) | {"at_edge": ends})
+    return _in_order(rows, cells)
+
+
+def _most_gain(cells: list[Cell], scale: QocScale, baseline: str) -> pd.DataFrame:
+    """Each profile and the baseline at one deadline, that at which it gains most; chosen and judged as above."""
+    own = {(cell.loss, cell.burst): _scores(cell, scale) for cell in cells if cell.profile == baseline}
+    rows = []
+    for cell in cells:
+        scores, others = _scores(cell, scale), own[cell.loss, cell.burst]
+        k = int((scores.values - others.values)[:, ::2].mean(axis=1).argmax())
+        judged, base = (each.on(slice(1, None, 2))[k] for each in (scores, others))
+        deadline = float(cell.runs["deadline"].values[k])
+        place = {"profile": cell.profile, "loss": cell.loss, "burst": cell.burst, "deadline": deadline}
+        rows.append(place | _compared(judged, base))
+    return _in_order(rows, cells)
+
+
+def _in_order(rows: list[dict[str, Any]], cells: list[Cell]) -> pd.DataFrame:
+    """A table by channel, the profiles as they were given."""
     order = list(dict.fromkeys(cell.profile for cell in cells))
-    table = pd.DataFrame(rows)
-    return table.sort_values(
+    return pd.DataFrame(rows).sort_values(
         ["burst", "loss", "profile"], key=lambda c: c.map(order.index) if c.name == "profile" else c
     )
 

@@ -172,10 +172,8 @@ def study_of(
     policies = _judge(results, chosen, second, iter(inverse.tolist()), scale, units[1])
     policies = policies.join(pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale, units[0])))
     made_with = {str(each): each for each in (*first.made_with, *second.made_with)}
-    runs, judged = (
-        with_units(part.runs if shelf else part.runs.load(), each)
-        for part, each in zip((first, second), units, strict=True)
-    )
+    held = [part.runs if shelf else part.runs.load() for part in (first, second)]
+    runs, judged = (with_units(part, labels) for part, labels in zip(held, units, strict=True))
     failures = {**first.failures, **second.failures}
     return Study(
         results, policies, scale, runs, judged, failures, (*first.names, *second.names), tuple(made_with.values()),

@@ -11,6 +11,7 @@ from scipy import special
 
 from qocjax import _checks
 from qocjax.study.fleet.point import Point
+from qocjax.study.statistics import resampled
 
 __all__ = ["Asked", "Crossing", "crossing", "largest_fleet"]
 
@@ -44,13 +45,16 @@ class Crossing:
     beyond: str  # "": on the axis; "below": even the first value misses the target; "above": even the last keeps it
 
 
-def crossing(axis: ArrayLike, scores: Sequence[np.ndarray], target: float, random: int = 0) -> Crossing:
+def crossing(
+    axis: ArrayLike, scores: Sequence[np.ndarray], target: float, units: np.ndarray | None = None, random: int = 0
+) -> Crossing:
     """Where a score that falls along an axis passes a target.
 
     Args:
         axis: [C] positive, ascending.
         scores: For each value its scores by seed, [S], all on the same seeds: what they owe to a seed stays together.
         target: The score to keep.
+        units: [S] Labels of the seeds, see `units_of`.
         random: Seed of the bootstrap.
 
     Raises:
@@ -61,8 +65,8 @@ def crossing(axis: ArrayLike, scores: Sequence[np.ndarray], target: float, rando
     table, places = np.array(scores), np.log(np.asarray(axis, float))  # [C, S], [C]
     seeds = table.shape[1]
     own = _last(places, table.mean(axis=1)[None], target)[0]
-    drawn = np.random.default_rng(random).integers(0, seeds, (_RESAMPLES, seeds))
-    tail = _tail(seeds)
+    drawn = resampled(seeds, units, _RESAMPLES, random)
+    tail = _tail(seeds if units is None else np.unique(units).size)
     low, high = np.quantile(_last(places, table[:, drawn].mean(axis=2).T, target), [tail, 1 - tail],
                             method="inverted_cdf")  # fmt: skip
     beyond = "below" if own == -np.inf else "above" if own == np.inf else ""

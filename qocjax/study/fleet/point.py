@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from qocjax.network.estimate import usage
 from qocjax.scenario import Design
 from qocjax.study.chosen import place_of
 from qocjax.study.chunks import Problem
 from qocjax.study.reliability import load_of, reliability_of
-from qocjax.study.statistics import estimate
-from qocjax.study.sweep import Study, qoc_by_seed
+from qocjax.study.scores import Scores
+from qocjax.study.statistics import share as share_of
+from qocjax.study.sweep import Study
+from qocjax.study.units import units_in
 
-__all__ = ["BEST", "Point", "point_of", "share_interval"]
+__all__ = ["BEST", "Point", "point_of"]
 
 BEST = "tau"  # sweep of one value, the baseline's: its Co-design is the baseline at its best deadline
 
@@ -30,6 +31,7 @@ class Point:
     deadline: float  # s
     scores: np.ndarray  # [S] QoC by evaluation seed
     collided: np.ndarray  # [S] whether two robots came closer than two radii
+    units: np.ndarray  # [S] labels of the seeds, see `units_of`
     row: dict[str, Any]  # all of it as plain values, SI units
 
 
@@ -40,21 +42,25 @@ def point_of(study: Study, problem: Problem) -> Point:
     at = study.results[(study.results["sweep"] == BEST) & (study.results["deadline"] == deadline)].iloc[0]
     design = Design(**{name: float(at[name]) for name in Design.__dataclass_fields__})
     k = place_of(study.evaluation, design)
-    scores = qoc_by_seed(study.evaluation, study.scale)[k]
+    auc = study.evaluation["auc"].values[k].astype(np.float64)
+    units = units_in(study.evaluation)
+    judged = Scores.of(np.where(np.isnan(auc), np.inf, auc), study.scale, units)
     collided = study.evaluation["collided"].values[k].astype(bool)
-    score, load = estimate(scores), load_of(problem.scenario, float(design.tau))  # type: ignore[arg-type]
+    load = load_of(problem.scenario, float(design.tau))  # type: ignore[arg-type]
     share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)
-    low, high = share_interval(int(collided.sum()), collided.size)
+    hits = share_of(collided, units)
     row: dict[str, Any] = {
         "robots": robots, "tau": float(np.asarray(design.tau)), "deadline": deadline,
-        "qoc": score.mean, "qoc_se": score.se, "qoc_low": score.low, "qoc_high": score.high,
+        **judged.mean().columns("qoc"),
         "auc": float(best["auc"]), "auc_se": float(best["auc_se"]),
         "reliability": float(share), "reliability_se": float(error),
-        "collision_share": float(collided.mean()), "collision_low": low, "collision_high": high,
+        "collision_share": float(collided.mean()), "collision_low": hits.low, "collision_high": hits.high,
     }  # fmt: skip
     for name, (used, spread) in usage(problem.network, deadline, load).items():
         row |= {f"{name}_usage": used, f"{name}_usage_se": spread}
-    return Point(robots, deadline, scores, collided, row | _policies(study.policies) | {"seeds": scores.size})
+    return Point(
+        robots, deadline, judged.values, collided, units, row | _policies(study.policies) | {"seeds": collided.size}
+    )
 
 
 def _policies(policies: pd.DataFrame) -> dict[str, Any]:
@@ -66,9 +72,3 @@ def _policies(policies: pd.DataFrame) -> dict[str, Any]:
         found |= {f"{name}_sweep": best["sweep"], f"{name}_value": float(best["value"])}
         found |= {f"{name}_{part}": float(best[part]) for part in ("deadline", "qoc", "qoc_se", "qoc_low", "qoc_high")}
     return found
-
-
-def share_interval(count: int, of: int) -> tuple[float, float]:
-    """Clopper and Pearson's 95 % interval of a share."""
-    found = stats.binomtest(count, of).proportion_ci()
-    return float(found.low), float(found.high)

@@ -56,7 +56,8 @@ def need_table(cells: Mapping[tuple[int, int], Point], given: str, asked: Asked)
         amounts = [amount for n, amount in cells if n == robots]
         here = [cells[robots, amount] for amount in amounts]
         # QoC rises with what is given: from the other end it falls.
-        found = crossing(1.0 / np.array(amounts[::-1], float), [point.scores for point in here[::-1]], asked.qoc)
+        scores = [point.scores for point in here[::-1]]
+        found = crossing(1.0 / np.array(amounts[::-1], float), scores, asked.qoc, here[0].units)
         ends = sorted(1.0 / each for each in (found.low, found.high) if each is not None)
         kept = [a for a, p in zip(amounts, here, strict=True) if _keeps(p, asked)]
         rows.append({
@@ -73,7 +74,7 @@ def steps_table(base: Point, steps: Mapping[str, Point]) -> pd.DataFrame:
     """Gain of each step over the base at the same number of robots, paired by seed; the largest first."""
     rows = []
     for name, point in steps.items():
-        gap = paired(point.scores, base.scores)
+        gap = paired(point.scores, base.scores, units=point.units)
         rows.append({
             "step": name, "robots": base.robots, "gain": gap.mean, "gain_low": gap.low, "gain_high": gap.high,
             "qoc": point.row["qoc"], "qoc_se": point.row["qoc_se"], "deadline": point.deadline,
@@ -86,8 +87,8 @@ def steps_table(base: Point, steps: Mapping[str, Point]) -> pd.DataFrame:
 
 def find_limit(points: Sequence[Point], asked: Asked) -> tuple[int | None, Crossing]:
     """The largest fleet that keeps what is asked, and where QoC passes its target."""
-    robots = [point.robots for point in points]
-    return largest_fleet(points, asked), crossing(robots, [point.scores for point in points], asked.qoc)
+    robots, scores = [point.robots for point in points], [point.scores for point in points]
+    return largest_fleet(points, asked), crossing(robots, scores, asked.qoc, points[0].units)
 
 
 def answers(study: FleetStudy) -> list[str]:

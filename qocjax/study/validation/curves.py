@@ -30,12 +30,14 @@ class Curve:
         values: For each delay its repetitions: AUC (s), mean over the robots of a run.
         seeds: Monte Carlo seed of each repetition, the same ones at all delays; None where runs know of no seed.
         source: What it is, for people.
+        units: Label of each seed, see `units_of`; None where each is an observation of its own.
     """
 
     delays: Array
     values: tuple[Array, ...]
     seeds: tuple[int, ...] | None = None
     source: str = ""
+    units: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         delays = np.asarray(_checks.bounded("delays", self.delays, least=0, shape=(None,)), np.float64)
@@ -52,10 +54,18 @@ class Curve:
             raise ValueError(f"seeds: got {len(self.seeds)}, expected one for each repetition at every delay")
 
     @classmethod
-    def of_table(cls, delays: ArrayLike, auc: ArrayLike, seeds: Sequence[int] | None, source: str = "") -> Curve:
+    def of_table(
+        cls,
+        delays: ArrayLike,
+        auc: ArrayLike,
+        seeds: Sequence[int] | None,
+        source: str = "",
+        units: Sequence[int] | None = None,
+    ) -> Curve:
         """A curve from AUC [D, S]."""
+        labels = None if units is None else tuple(units)
         return cls(np.asarray(delays, np.float64), tuple(np.asarray(auc, np.float64)),
-                   None if seeds is None else tuple(seeds), source)  # fmt: skip
+                   None if seeds is None else tuple(seeds), source, labels)  # fmt: skip
 
     @property
     def mean(self) -> Array:
@@ -69,7 +79,8 @@ class Curve:
 
     def half_widths(self, confidence: float = 0.95) -> Array:
         """Half of the Student interval of each mean, [D]; NaN where there is one repetition alone."""
-        found = [estimate(each, confidence) if each.size > 1 else None for each in self.values]
+        units = None if self.units is None else np.array(self.units)
+        found = [estimate(each, confidence, units) if each.size > 1 else None for each in self.values]
         return np.array([np.nan if one is None else one.high - one.mean for one in found])
 
     def at(self, rows: Sequence[int] | NDArray[np.intp]) -> Curve:
@@ -85,7 +96,8 @@ class Curve:
         if self.seeds is None or not set(seeds) <= set(self.seeds):
             raise ValueError(f"seeds: got {sorted(seeds)}, expected some of those of {self.source or 'the curve'}")
         places = [self.seeds.index(seed) for seed in seeds]
-        return replace(self, values=tuple(each[places] for each in self.values), seeds=tuple(seeds))
+        units = None if self.units is None else tuple(self.units[place] for place in places)
+        return replace(self, values=tuple(each[places] for each in self.values), seeds=tuple(seeds), units=units)
 
 
 def normalised(curve: ArrayLike) -> Array:

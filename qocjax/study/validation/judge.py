@@ -116,5 +116,6 @@ def halves(curve: Curve) -> tuple[Curve, Curve]:
     parts = []
     for first in (0, 1):
         seeds = None if curve.seeds is None else curve.seeds[first::2]
-        parts.append(Curve(curve.delays, tuple(each[first::2] for each in curve.values), seeds, curve.source))
+        units = None if curve.units is None else curve.units[first::2]
+        parts.append(Curve(curve.delays, tuple(each[first::2] for each in curve.values), seeds, curve.source, units))
     return parts[0], parts[1]
