@@ -17,7 +17,7 @@ from qocjax.study.stress import GROWTHS
 __all__ = ["page"]
 
 _GAINS = ("kappa", "gamma", "eta", "c_miss", "v_max", "omega_max", "d_safe")
-_INSURANCE = ("as it is, deadline x 1.5", "delay x 1.5, deadline kept", "delay x 1.5, deadline x 1.5")
+_INSURANCE = ("as it is, deadline x 1.5", "all loop times x 1.5", "all loop times x 1.5, deadline x 1.5")
 _POLICIES = {
     "Co-design": "yours lies within: Co-design",
     "MinDelay": "yours is shorter: MinDelay, fresh commands but few of them",
@@ -26,36 +26,95 @@ _POLICIES = {
 
 
 def page(advice: Advice) -> str:
-    """The advice as one page for a terminal."""
-    best, ties = advice.recommended, advice.ties
-    values = ", ".join(f"{name} {float(getattr(best, name)):.3g} {printed_unit(name)}".strip() for name in _GAINS)
+    """The advice as one page for a terminal: the decision first, then what it rests on."""
     lines = [
+        *_decision(advice),
+        "",
+        *_current_lines(advice),
+        "",
+        "JUDGED ON FRESH SEEDS",
+        _table(advice.judged, {"gain": "gain over yours [95 %]"}),
+        _tie_line(advice.ties),
+        "",
         f"NETWORK  {advice.network.get('name', '')}",
         *_network_lines(advice),
         "",
-        f"RECOMMENDED  deadline {_ms(best.deadline)} ms at tau {_ms(best.tau)} ms (kept){_safer(advice)}",
-        f"  {values}",
-        _table(advice.judged, {"gain": "gain over current [95 %]"}),
-        *_current_lines(advice),
-        _tie_line(ties),
-        *([f"  {text}"] if (text := bounds_text(advice.at_edge)) else []),
-        *_doubts(advice),
+        "IF THE NETWORK BECOMES WORSE",
+        _table(advice.stress, {"change": "change [95 %]"}, beside=True),
+        *_cliff(advice),
         "",
-        f"MARGIN  QoC stays within {advice.margin.share:.0%} of its best for deadlines from "
-        f"{_bound(advice.margin.low)} to {_bound(advice.margin.high)} ms",
+        f"MARGIN  With the recommended gains QoC stays within {advice.margin.share:.0%} of its best, and collisions "
+        f"within {advice.max_collision_share:.1%} of the runs, for deadlines from {_bound(advice.margin.low)} to "
+        f"{_bound(advice.margin.high)} ms",
         *_slack_lines(advice),
         *_sensitivity_lines(advice),
         "",
-        "IF THE NETWORK BECOMES WORSE",
-        _table(advice.stress, {"change": "change [95 %]"}),
-        *_cliff(advice),
-        "",
         scale_text(advice.scale, "of your gains over the deadlines tried, or given", True),
         f"1 would be perfect, {float(qoc(advice.scale.largest, advice.scale)):.3f} is the worst.",
-        f"Chosen on {advice.seeds['search']} seeds, judged on {advice.seeds['fresh']} fresh ones; "
-        f"{advice.simulations} simulations.",
-    ]  # fmt: skip
+        f"Searched on {advice.seeds['search']} seeds, chosen on {advice.seeds['choice']} others, judged on "
+        f"{advice.seeds['fresh']} fresh ones; {advice.simulations} simulations.",
+    ]
     return "\n".join(lines)
+
+
+def _decision(advice: Advice) -> list[str]:
+    """What to set, what it costs or gains, what it stands up to, and on what it hangs."""
+    best, row = advice.recommended, advice.judged.iloc[-1]
+    values = ", ".join(
+        f"{name} {float(getattr(best, name)):.3g} {printed_unit(name)}".strip() + ("*" if name in advice.kept else "")
+        for name in _GAINS
+    )
+    collisions = (f"collisions in {row['collision_share']:.1%} [{row['collision_low']:.1%}, "
+                  f"{row['collision_high']:.1%}] of the runs, {advice.max_collision_share:.1%} allowed")  # fmt: skip
+    head = f"deadline {_ms(best.deadline)} ms at tau {_ms(best.tau)} ms (kept)"
+    if advice.verdict == "recommended":
+        lines = [f"SET THIS: {head}", f"  {values}"]
+    else:
+        why = "it breaks the limit on" if advice.verdict == "unsafe" else "fresh seeds do not show that it keeps"
+        lines = [f"NO RECOMMENDATION: {why} collisions. The closest that was found: {head}", f"  {values}"]
+    if advice.kept:
+        lines.append("  * stays as you have it: changing it makes no difference that can be told")
+    lines.append(f"  QoC {row['gain']:+.4f} [{row['gain_low']:+.4f}, {row['gain_high']:+.4f}] over yours, "
+                 f"{_percent(row['auc'], advice.judged['auc'].iloc[0])} AUC; {collisions}.")  # fmt: skip
+    lines += [f"  {line}" for line in (*_robust(advice), *_actuation(advice))]
+    if row["gain_low"] <= 0 and advice.acceptable != "no: collisions":
+        lines.append("  CAUTION: these seeds do not show that it is better than what you have.")
+    if text := bounds_text(advice.at_edge):
+        lines.append(f"  {text}")
+    return lines
+
+
+def _percent(value: float, of: float) -> str:
+    return f"{value / of - 1.0:+.0%}"
+
+
+def _robust(advice: Advice) -> list[str]:
+    """The worst of the changes, and what standing up to them costs."""
+    worst = advice.stress[advice.stress["current_qoc"].notna()].iloc[1:]
+    worst = worst.loc[worst["qoc"].idxmin()]
+    lines = [f"Worst of the changes below: {worst['what']}, QoC {worst['qoc']:.4f} (yours {worst['current_qoc']:.4f})."]
+    if advice.objective == "mean":
+        return [*lines, "It was chosen for its mean alone (advise.objective=mean)."]
+    other = advice.judged.iloc[-2]
+    if abs(other["beyond"]) < 5e-5 and other["deadline"] == advice.judged["deadline"].iloc[-1]:
+        return [*lines, "The best by the mean alone is the same."]
+    if other["beyond"] <= 0:
+        return [*lines, f"The best by the mean alone ({_ms(other['deadline'])} ms) is no better: this costs nothing."]
+    return [*lines, f"The best by the mean alone ({_ms(other['deadline'])} ms) would have {other['beyond']:+.4f} "
+            f"[{other['beyond_low']:+.4f}, {other['beyond_high']:+.4f}] QoC more: that is what it costs."]  # fmt: skip
+
+
+def _actuation(advice: Advice) -> list[str]:
+    """What changes if commands take effect otherwise."""
+    other = advice.actuation
+    how = {"arrival": "as they come, as Nav2 does", "deadline": "at their stamp + deadline, by a node that holds them"}
+    here, gain = other.here.given, other.gain.given
+    return [
+        f"It hangs on when commands take effect. Applied {how[other.actuation]}: QoC {here.mean:.4f} [{here.low:.4f}, "
+        f"{here.high:.4f}], collisions",
+        f"  in {other.collisions.mean:.1%} [{other.collisions.low:.1%}, {other.collisions.high:.1%}]; the best "
+        f"deadline would then be {_ms(other.best_deadline)} ms ({gain.mean:+.4f} [{gain.low:+.4f}, {gain.high:+.4f}]).",
+    ]
 
 
 def _network_lines(advice: Advice) -> list[str]:
@@ -84,14 +143,22 @@ def _network_lines(advice: Advice) -> list[str]:
 
 def _current_lines(advice: Advice) -> list[str]:
     """Whether the present deadline is acceptable, with the present gains."""
-    margin, now = advice.current_margin, advice.judged.iloc[0]
-    rest = advice.judged.iloc[1]
+    margin, now, rest = advice.current_margin, advice.judged.iloc[0], advice.judged.iloc[1]
+    close = (
+        f"{now['collision_share']:.1%} [{now['collision_low']:.1%}, {now['collision_high']:.1%}] of its runs collide"
+    )
+    answers = {
+        "yes": f"YES: {close}, and QoC is within {margin.share:.0%} of its best.",
+        "no: collisions": f"NO: {close}, {advice.max_collision_share:.1%} are allowed.",
+        "no: QoC": f"NO: with your gains QoC is within {margin.share:.0%} of its best, and collisions in the limit, "
+                   f"from {_bound(margin.low)} to {_bound(margin.high)} ms.",
+        "not shown": f"NOT SHOWN: {close}; the upper end breaks {advice.max_collision_share:.1%}.",
+    }  # fmt: skip
     return [
-        f"  IS {_ms(now['deadline'])} ms ACCEPTABLE? With your gains QoC stays within {margin.share:.0%} of its best "
-        f"from {_bound(margin.low)} to {_bound(margin.high)} ms;",
+        f"IS {_ms(now['deadline'])} ms ACCEPTABLE? {answers[advice.acceptable]}",
         f"  {_POLICIES[advice.policy]}. {_ms(rest['deadline'])} ms would change QoC by {rest['gain']:+.4f} "
         f"[{rest['gain_low']:+.4f}, {rest['gain_high']:+.4f}].",
-    ]  # fmt: skip
+    ]
 
 
 def _slack_lines(advice: Advice) -> list[str]:
@@ -99,7 +166,8 @@ def _slack_lines(advice: Advice) -> list[str]:
         return []
     slack = advice.slack
     return [
-        f"  Were delay constant and losses independent, QoC would stay above {slack.target:.4f} up to a delay of "
+        f"  Were delay constant and losses independent, QoC would stay above {slack.target:.4f} "
+        f"({slack.target / advice.judged['qoc'].iloc[-1]:.0%} of the recommended) up to a delay of "
         f"{_bound(slack.largest_delay)} ms at F = {slack.reliability:.3g},",
         f"  and down to F = {_bound(slack.smallest_reliability, 1.0)} at a delay of {_ms(slack.delay)} ms.",
     ]
@@ -115,28 +183,6 @@ def _sensitivity_lines(advice: Advice) -> list[str]:
     return lines
 
 
-def _doubts(advice: Advice) -> list[str]:
-    """Where the fresh seeds do not bear out what the design was chosen for."""
-    then, lines = advice.judged.iloc[-1], []
-    if then["collision_share"] > advice.max_collision_share:
-        lines.append(
-            f"  CAUTION: on fresh seeds {then['collision_share']:.1%} of its runs collide, more than the "
-            f"{advice.max_collision_share:.1%} allowed; it kept the limit on the seeds of the search."
-        )
-    if then["gain_low"] <= 0:
-        lines.append("  CAUTION: these seeds do not show that it is better than what you have.")
-    return lines
-
-
-def _safer(advice: Advice) -> str:
-    """A hint at the longer deadline, where it costs little now and saves much should the delay grow."""
-    now, kept, longer = _changes(advice)
-    enough = advice.margin.share * float(advice.stress["qoc"].iloc[0])
-    if -now > 0.2 * enough or longer - kept < enough:
-        return ""
-    return f"; {_ms(1.5 * float(np.asarray(advice.recommended.deadline)))} ms is nearly as good and safer, see below"
-
-
 def _changes(advice: Advice) -> list[float]:
     """Of QoC: with half more deadline, with half more delay, and with both."""
     change = advice.stress.set_index("what")["change"]
@@ -150,12 +196,15 @@ def _cliff(advice: Advice) -> list[str]:
     before, after = float(stress["qoc"].iloc[0]), float(stress["qoc"][_INSURANCE[1]])
     growth, share = advice.growth, advice.margin.share
     if growth.value is None or growth.at_edge:
-        lines = [f"  All loop times may grow by more than a factor of {GROWTHS[-1]:g} before QoC falls by {share:.0%}."]
+        least = GROWTHS[0] if growth.low is None else growth.low
+        lines = [f"  All loop times may grow by more than a factor of {GROWTHS[-1]:g} (surely {least:.3g}) before QoC "
+                 f"falls by {share:.0%}."]  # fmt: skip
     else:
         low, high = (GROWTHS[0] if end is None else end for end in (growth.low, growth.high))
+        most = "or more" if growth.high_at_edge else ""
         lines = [
             f"  With this deadline all loop times may grow by {growth.value - 1:.0%} "
-            f"[{low - 1:.0%}, {high - 1:.0%}] before QoC falls by {share:.0%}."
+            f"[{low - 1:.0%}, {f'{high - 1:.0%} {most}'.strip()}] before QoC falls by {share:.0%}."
         ]
     at = _ms(1.5 * float(np.asarray(advice.recommended.deadline)))
     if -kept > share * before:
@@ -177,27 +226,39 @@ def _tie_line(ties: pd.DataFrame) -> str:
     return f"  {len(ties) - 1} other finalist{'s' if len(ties) > 2 else ''} cannot be told from it: " + ", ".join(spans)
 
 
-def _table(rows: pd.DataFrame, difference: dict[str, str]) -> str:
+def _table(rows: pd.DataFrame, difference: dict[str, str], beside: bool = False) -> str:
     name, title = next(iter(difference.items()))
-    shown = pd.DataFrame(
-        {
-            "": rows["what"],
-            "deadline (ms)": rows["deadline"].map(_ms),
-            "QoC [with J_med's error]": [
-                f"{row.qoc:.4f} [{row.qoc_whole_low:.4f}, {row.qoc_whole_high:.4f}]" for row in rows.itertuples()
-            ],
-            title: [
-                f"{row[name]:+.4f} [{row[f'{name}_low']:+.4f}, {row[f'{name}_high']:+.4f}]" if k else ""
-                for k, (_, row) in enumerate(rows.iterrows())
-            ],
-            "loops completed": rows["completed_share"].map("{:.1%}".format),
-            "collisions [95 %]": [
-                f"{row.collision_share:.1%} [{row.collision_low:.1%}, {row.collision_high:.1%}]"
-                for row in rows.itertuples()
-            ],
-        }
-    )  # fmt: skip
-    return "\n".join("  " + line for line in shown.to_string(index=False).splitlines())
+    columns = {
+        "": rows["what"],
+        "deadline (ms)": rows["deadline"].map(_ms),
+        "AUC (s)": rows["auc"].map("{:.3g}".format),
+        "QoC [with J_med's error]": [
+            f"{row.qoc:.4f} [{row.qoc_whole_low:.4f}, {row.qoc_whole_high:.4f}]" for row in rows.itertuples()
+        ],
+        title: [
+            f"{row[name]:+.4f} [{row[f'{name}_low']:+.4f}, {row[f'{name}_high']:+.4f}]" if k else ""
+            for k, (_, row) in enumerate(rows.iterrows())
+        ],
+        "loops": rows["completed_share"].map("{:.1%}".format),
+        "collisions [95 %]": [
+            f"{row.collision_share:.1%} [{row.collision_low:.1%}, {row.collision_high:.1%}]"
+            for row in rows.itertuples()
+        ],
+        "closest (m)": rows["min_distance"].map("{:.2f}".format),
+    }
+    if beside:
+        columns["QoC of yours"] = ["" if np.isnan(each) else f"{each:.4f}" for each in rows["current_qoc"]]
+    else:
+        columns["there after (s)"] = [_arrival(row) for row in rows.to_dict("records")]
+    return "\n".join("  " + line for line in pd.DataFrame(columns).to_string(index=False).splitlines())
+
+
+def _arrival(row: dict) -> str:
+    """Mean time until all robots are there; of how many runs, where not of all."""
+    if not row["arrived_share"] > 0:
+        return "never"
+    text = f"{row['arrival_time']:.1f}"
+    return text if row["arrived_share"] == 1 else f"{text} ({row['arrived_share']:.0%} of runs)"
 
 
 def _ms(seconds: object) -> str:
@@ -209,4 +270,8 @@ def _bound(bound: Bound, scale: float = 1e3) -> str:
     numbers = ["none" if v is None else f"{scale * v:.3g}" for v in (bound.value, bound.low, bound.high)]
     if bound.value is None:
         return "none that was looked at,"
-    return f"{numbers[0]} (where the search ends)" if bound.at_edge else f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+    if bound.at_edge:
+        return f"{numbers[0]} (where the search ends)"
+    ends = [f"{text} or beyond" if end else text
+            for text, end in zip(numbers[1:], (bound.low_at_edge, bound.high_at_edge), strict=True)]  # fmt: skip
+    return f"{numbers[0]} [{ends[0]}, {ends[1]}]"

@@ -44,8 +44,8 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
     advice = advise(
         config.build_scenario(), network, config.current(), config.bounds(),
         rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
-        max_collision_share=options.max_collision_share, effort=config.effort(), asked=config.asked(),
-        scale=config.scale(),
+        max_collision_share=options.max_collision_share, how=options.objective,
+        effort=config.effort(), asked=config.asked(), scale=config.scale(),
     )  # fmt: skip
     if folder is not None:
         write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(advice_values(advice) | provenance())))
@@ -65,11 +65,13 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
 def advice_values(advice: Advice) -> dict:
     """The advice as plain values, in SI units unless a name says otherwise; None where there is nothing to say."""
     found = {
-        "recommended": advice.recommended, "at_edge": advice.at_edge, "current": advice.current,
+        "verdict": advice.verdict, "recommended": advice.recommended, "objective": advice.objective,
+        "by_mean": advice.by_mean, "kept_as_they_were": list(advice.kept), "acceptable": advice.acceptable,
+        "at_edge": advice.at_edge, "current": advice.current,
         "current_policy": advice.policy,
         "max_collision_share": advice.max_collision_share,
         "network": advice.network, "trace": advice.trace, "computations_at_once": advice.capacity,
-        "loop": advice.character, "judged": advice.judged, "stress": advice.stress,
+        "loop": advice.character, "judged": advice.judged, "actuation": advice.actuation, "stress": advice.stress,
         "margin": advice.margin, "current_margin": advice.current_margin, "ties": advice.ties,
         "slack": advice.slack and {name: getattr(advice.slack, name) for name in _SLACK},
         "growth": advice.growth, "elasticities": advice.elasticities, "sobol": advice.sobol,

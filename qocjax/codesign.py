@@ -215,7 +215,8 @@ def main(cfg: DictConfig) -> None:
     found = run(config, folder)
     print(summary(found, config.search.measure))
     print(f"\n{capacity_text(found, config)}")
-    if text := trace_remark(config.build_network(), found.contest.chosen["deadline"]):
+    best = found.contest.chosen
+    if text := trace_remark(config.build_network(), best["deadline"], config.scenario.horizon, best["tau"]):
         print(f"note: {text}")
     print(scale_text(found.scale, "given" if config.scale() else "of the baseline over the deadline axis", True))
     print(f"Tables, figures and the record are in {folder}")

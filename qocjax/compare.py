@@ -22,6 +22,7 @@ from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study import open_study
 from qocjax.study.comparison import Comparison, compare
 from qocjax.study.scales import scale_text
+from qocjax.sweep_page import collisions_text
 
 __all__ = ["as_options", "comparison_text", "main", "run"]
 
@@ -75,6 +76,7 @@ def comparison_text(table: pd.DataFrame) -> str:
                 f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})" for r in table.itertuples()
             ],
             f"difference to {first} [95 %]": [_difference(row) for row in table.to_dict("records")],
+            "collide [95 %]": [collisions_text(row) for row in table.itertuples()],
         }
     )
     order = {name: k for k, name in enumerate(dict.fromkeys(zip(table["sweep"], table["policy"], strict=True)))}

@@ -103,7 +103,8 @@ class _Runner:
         place = None if self.folder is None else self.folder / PARTS / task.name
         with study_folder(place, config.identity(), data_of(problem), _note) if place else nullcontext() as shelf:
             found = study_of(
-                problem, grid, *config.seeds(), min_reliability=least, scale=scale or config.scale(), shelf=shelf,
+                problem, grid, *config.seeds(), min_reliability=least, scale=scale or config.scale(),
+                max_collision_share=config.max_collision_share, shelf=shelf,
                 engine=self.engine, chunk_steps=config.chunk_steps,
             )  # fmt: skip
         return found, problem

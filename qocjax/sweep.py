@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import fields
@@ -33,18 +32,16 @@ from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
 from qocjax.study.chunks import Problem
-from qocjax.study.edges import edges_text
 from qocjax.study.grid import Grid
 from qocjax.study.hanging import hanging_of
-from qocjax.study.reliability import load_of, share_text
+from qocjax.study.reliability import load_of
 from qocjax.study.replays import policy_runs
-from qocjax.study.scales import scale_text
 from qocjax.study.sweep import study_of
 from qocjax.study.table import sound, units_of
-from qocjax.study.ties import tie_lines
-from qocjax.study.units import study_remark, units_in
+from qocjax.study.units import units_in
+from qocjax.sweep_page import page
 
-__all__ = ["main", "policy_text", "run"]
+__all__ = ["main", "run"]
 
 
 def run(
@@ -109,7 +106,7 @@ def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFo
         return study_of(
             problem, grid, selection, evaluation,
             min_reliability=config.sweep.min_reliability, scale=config.scale(),
-            j_max_of=config.sweep.j_max_of, shelf=chunks, engine=engine,
+            j_max_of=config.sweep.j_max_of, max_collision_share=config.max_collision_share, shelf=chunks, engine=engine,
             chunk_steps=config.chunk_steps, progress=lambda steps: bar.update(min(steps, bar.total - bar.n)),
         )  # fmt: skip
 
@@ -149,53 +146,6 @@ def _baseline_row(results: pd.DataFrame, baseline: Design) -> int:
 def _design_at(study: Study, design: Design) -> int:
     same = [np.isclose(study.runs[item.name].values, getattr(design, item.name)) for item in fields(Design)]
     return int(np.flatnonzero(np.all(same, axis=0))[0])
-
-
-def policy_text(policies: pd.DataFrame) -> str:
-    """The policies' table for a terminal; choices at an end of what was tried have a star."""
-    deadline = policies["at_edge"].str.endswith("deadline")
-    value = policies["at_edge"].str.contains(",") | (policies["at_edge"].ne("") & ~deadline)
-    stars = [each.map({True: "*", False: " "}) for each in (value, deadline)]
-    table = pd.DataFrame(
-        {
-            "sweep": policies["sweep"],
-            "policy": policies["policy"],
-            "value": policies["value"].map("{:g}".format) + stars[0],
-            "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format) + stars[1],
-            "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
-            "QoC ± SE (with J_med's)": [
-                f"{text} ({error:.4f})"
-                for text, error in zip(_plus_minus(policies, "qoc", 4), policies["qoc_whole_se"], strict=True)
-            ],
-            "to Co-design [95 %]": [
-                "" if row.policy == "Co-design"
-                else f"{row.difference:+.4f} [{row.difference_low:+.4f}, {row.difference_high:+.4f}]"
-                for row in policies.itertuples()
-            ],
-            "AUC ± SE (s)": _plus_minus(policies, "auc", 3),
-            "collide": policies["collision_share"].map("{:.1%}".format),
-        }
-    )  # fmt: skip
-    if "error" in policies:
-        table["error"] = policies["error"]
-    table["sweep"] = table["sweep"].where(~table["sweep"].duplicated(), "")
-    edges = edges_text(policies)
-    return table.to_string(index=False) + "".join(f"\n{line}" for line in textwrap.wrap(f"* {edges}", 118) if edges)
-
-
-def _plus_minus(table: pd.DataFrame, name: str, digits: int) -> list[str]:
-    pairs = zip(table[name], table[f"{name}_se"], strict=True)
-    return [f"{mean:.{digits}f} ± {error:.{digits}f}" for mean, error in pairs]
-
-
-def diverged_text(results: pd.DataFrame) -> str:
-    """What diverged, a line for each value of a sweep; nothing where nothing did."""
-    rows = results[results["diverged_share"] > 0]
-    lines = [
-        f"  {sweep} = {value:g}: {len(part)} deadlines, in up to {part['diverged_share'].max():.1%} of the runs"
-        for (sweep, value), part in rows.groupby(["sweep", "value"], sort=False)
-    ]
-    return "\n".join(["Designs that diverged in some run, and are not chosen:", *lines]) if lines else ""
 
 
 def _write_tables(study: Study, folder: Path) -> dict[str, str]:
@@ -247,17 +197,8 @@ def main(cfg: DictConfig) -> None:
             study = run(config, folder, drawing=drawing)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"resume={folder} goes on") from None
-    print(policy_text(study.policies))
-    if text := diverged_text(study.results):
-        print(f"\n{text}")
-    scale = study.scale
-    if lines := tie_lines(study.policies):
-        print("\nNot told apart by the seeds of the choice, of which Co-design takes the largest mean:")
-        print("\n".join(f"  {line}" for line in lines))
-    print(f"\n{read_record(folder)['computations_at_once']}")
-    print(scale_text(scale, "given" if config.scale() else "of this study", columns=True))
-    if remark := study_remark(config.build_network(), study.policies):
-        print(f"note: {remark}")
+    computations = read_record(folder)["computations_at_once"]
+    print(page(study, config, config.build_network(), computations))
     if text := hanging_text(study, config):
         print(text)
     print(f"Tables, figures and the record are in {folder}")

@@ -103,6 +103,12 @@ def design_text(tuning: Tuning) -> str:
     return pd.DataFrame(shown).to_string(index=False)
 
 
+def _trace_text(tuning: Tuning) -> str | None:
+    """What a measured trace is too short to say of the chosen deadline."""
+    setting, tau = tuning.problem.objective, tuning.problem.baseline.tau
+    return trace_remark(setting.network, tuning.chosen["deadline"], setting.scenario.horizon, tau)
+
+
 def _write(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
     write_table(folder / "designs", tuning.designs)
     write_table(folder / "trace", tuning.trace)
@@ -145,7 +151,7 @@ def main(cfg: DictConfig) -> None:
     scale, spent = tuning.problem.objective.scale, tuning.simulations
     print(f"\n{scale_text(scale, 'given' if config.scale() else 'of the baseline over the deadline axis', True)}")
     print(f"{spent['search']} simulations to search, {spent['selection']} to choose, {spent['evaluation']} to judge.")
-    if text := trace_remark(tuning.problem.objective.network, tuning.chosen["deadline"]):
+    if text := _trace_text(tuning):
         print(f"note: {text}")
     if text := bounds_text(tuning.chosen["at_edge"]):
         print(text)

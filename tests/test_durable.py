@@ -20,7 +20,18 @@ import xarray as xr
 from hydra import compose, initialize_config_dir
 
 import qocjax.study.table as table_module
-from qocjax import Design, QocScale, Rules, Scenario, Study, evaluate, one_at_a_time, open_study, paper_network
+from qocjax import (
+    Design,
+    QocScale,
+    Rules,
+    Scenario,
+    Study,
+    evaluate,
+    one_at_a_time,
+    open_study,
+    paper_network,
+    sweep_page,
+)
 from qocjax import sweep as command
 from qocjax.config import StudyConfig, build_problem, conf_dir, load
 from qocjax.store.checked import read_array, read_checked, write_checked
@@ -410,16 +421,16 @@ def test_a_diverging_design_is_flagged_and_not_chosen() -> None:
     assert (found.results.loc[bad, "diverged_share"] > 0).all() and found.results.loc[bad, "auc"].isna().all()
     assert (found.results.loc[~bad, "diverged_share"] == 0).all() and set(found.policies["value"]) == {2.0}
     assert np.isfinite(found.scale.median) and not found.policies.isna().any(axis=None)
-    text = command.diverged_text(found.results)
+    text = sweep_page.diverged_text(found.results)
     assert "not chosen" in text and "kappa = 3e+38: 2 deadlines, in up to 100.0% of the runs" in text
-    assert command.diverged_text(found.results[~bad]) == ""
+    assert sweep_page.diverged_text(found.results[~bad]) == ""
     alone = one_at_a_time(Design(tau=0.1), {"kappa": [2.0], "eta": [0.1]}, [0.2])
     hopeless = replace(alone.designs, kappa=np.where(np.asarray(alone.designs.eta) == 0.1, 3e38, 2.0))
     found = study_of(replace(problem, designs=hopeless), replace(alone, designs=hopeless), range(3), range(3, 6))
     rows = found.policies.set_index("sweep")
     assert set(rows.loc["eta", "error"]) == {"every design diverged or failed"} and rows.loc["eta", "qoc"].isna().all()
     assert set(rows.loc["kappa", "error"]) == {""} and rows.loc["kappa", "qoc"].notna().all()
-    assert "every design diverged or failed" in command.policy_text(found.policies)
+    assert "every design diverged or failed" in sweep_page.policy_text(found.policies)
 
 
 class Failing(Counting):

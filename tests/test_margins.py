@@ -10,6 +10,7 @@ import pytest
 
 from qocjax import Design, QocScale, Rules, Scenario, paper_network
 from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, Load, LoopNetwork, Trace, loop_times
+from qocjax.network.stressed import Stressed
 from qocjax.study.margins import (
     Plane,
     deadline_margin,
@@ -21,7 +22,7 @@ from qocjax.study.margins import (
 from qocjax.study.objective import Objective
 from qocjax.study.sensitivity import Box, elasticities, sobol
 from qocjax.study.slack import Asked, find_slack
-from qocjax.study.stress import GROWTHS, Stressed, largest_growth, stress_table
+from qocjax.study.stress import GROWTHS, largest_growth, stress_table
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1, deadline=0.3)

@@ -15,7 +15,7 @@ from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
 from qocjax.study.scales import standing_still
 from qocjax.study.sweep import qoc_by_seed, results_table
-from qocjax.sweep import policy_text
+from qocjax.sweep_page import policy_text
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1)

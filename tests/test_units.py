@@ -13,6 +13,7 @@ from scipy import stats
 from qocjax import Design, Scenario, evaluate, one_at_a_time, run_study
 from qocjax.network import Trace, loop_times, paper_network
 from qocjax.network.correlation import correlation_rows, independent_rows
+from qocjax.network.stressed import Stressed
 from qocjax.quality import QocScale
 from qocjax.study.margins import deadline_margin, reach
 from qocjax.study.objective import Objective
@@ -21,7 +22,6 @@ from qocjax.study.scales import scale_of_runs, standing_still
 from qocjax.study.scores import Scores, seed_scores
 from qocjax.study.search import Limits, Problem, Space, judge
 from qocjax.study.statistics import estimate, paired, relative, resampled, share, standard_error
-from qocjax.study.stress import Stressed
 from qocjax.study.tuning import Bounds
 from qocjax.study.tuning import judge as judge_tuned
 from qocjax.study.tuning.problem import Problem as TuningProblem
@@ -216,4 +216,6 @@ def test_intervals_on_a_trace_cover_the_network(kind: str) -> None:
         drawn = resample(curve, curve, 400).simulated[:, 1]
         held["validate"] += np.quantile(drawn, 0.025) <= level[base] <= np.quantile(drawn, 0.975)
     low, high = stats.binom.ppf([0.001, 0.999], count, 0.95)
-    assert all(low <= hits <= high for hits in held.values()), {name: hits / count for name, hits in held.items()}
+    shares = ", ".join(f"{name} {hits / count:.3f}" for name, hits in held.items())
+    print(kind, shares)
+    assert all(low <= hits <= high for hits in held.values()), shares

@@ -38,6 +38,7 @@ class AdviseOptions(Part):
     deadline_ms: float | None
     longest_deadline_ms: float
     max_collision_share: float
+    objective: str
     bounds: BoundsConfig
     slowest: float | None
     points: int

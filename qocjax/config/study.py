@@ -66,6 +66,7 @@ class SweptConfig(SimulationConfig):
 class StudyConfig(SweptConfig):
     """Everything that `python -m qocjax.sweep` reads."""
 
+    max_collision_share: Annotated[float, Field(ge=0, le=1)] | None
     report: bool
     arrays: bool
     chunk_steps: Annotated[float, Field(gt=0)]

@@ -7,6 +7,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Normal, Stroke
 
 from qocjax.figures.quantities import PARAMETERS, milliseconds
 from qocjax.figures.style import DOUBLE_COLUMN, POLICIES, paper_style
@@ -18,10 +20,13 @@ _COLUMNS = ("sweep", "policy", "value", "deadline", "qoc", "qoc_low", "qoc_high"
 _BAR = 0.28  # width, in distances between two groups
 _WIDEST = 0.45  # inches per bar
 _NARROW = 0.22  # inches per bar below which the numbers under it are written upwards
+_CROSS: dict = {"ls": "", "marker": "x", "ms": 4, "mew": 1.2, "color": "k"}
 
 
 def policy_bars(policies: pd.DataFrame, *, width: float = DOUBLE_COLUMN, height: float = 2.3) -> Figure:
     """Draws the QoC of each policy in each sweep with its 95 % interval, and the chosen Θ and Δ under each bar.
+
+    A cross at the foot of a bar says that its choice is not shown to keep the limit on collisions.
 
     "n.s." over a bar says that the interval of its paired difference from Co-design contains zero: two bars whose own
     intervals overlap may still differ, since all designs see the same random numbers (model, section 6).
@@ -52,7 +57,10 @@ def policy_bars(policies: pd.DataFrame, *, width: float = DOUBLE_COLUMN, height:
         top = float(np.fmax(policies["qoc"], policies["qoc_high"]).max())
         axes.set_ylim(0.0, 1.1 * top if top > 0 else 1.0)
         axes.set_ylabel("QoC")
-        figure.legend([bar.patches[0] for bar in bars], names, loc="outside upper center", ncols=len(names))
+        handles: list = [bar.patches[0] for bar in bars]
+        if "within_limit" in policies and not policies["within_limit"].all():
+            handles, names = [*handles, Line2D([], [], **_CROSS)], [*names, "too many collisions"]
+        figure.legend(handles, names, loc="outside upper center", ncols=len(names))
     return figure
 
 
@@ -73,7 +81,16 @@ def _draw_policy(
         if name != "Co-design" and row["difference_low"] <= 0.0 <= row["difference_high"]:
             top = np.fmax(row["qoc"], row["qoc_high"])
             axes.annotate("n.s.", (position, top), (0, 1.5), textcoords="offset points", ha="center", fontsize=6.5)
+    if "within_limit" in rows:
+        _cross_out(axes, x[~rows["within_limit"].to_numpy(bool)])
     return bars
+
+
+def _cross_out(axes: Axes, x: np.ndarray) -> None:
+    """Marks bars that are not to be driven."""
+    for at in x:
+        (cross,) = axes.plot([at], [0.05], transform=axes.get_xaxis_transform(), zorder=4, **_CROSS)
+        cross.set_path_effects([Stroke(linewidth=3.0, foreground="w"), Normal()])
 
 
 def _write_choice(axes: Axes, x: float, sweep: str, row: pd.Series, upright: bool) -> None:

@@ -22,9 +22,9 @@ from qocjax.network.interface import Load, Reliability, exactly
 
 __all__ = ["Trace", "faster_than_measured"]
 
-_STRETCHES = (4, 20)  # fewer say nothing of how they differ, more tell little more
+_STRETCHES = (16, 8, 4)  # each number's stretches are unions of those of the one before; fewer say nothing of a network
 _LENGTH = 5.0  # correlation lengths in a stretch
-_LEAST = 100  # rows of a stretch
+_RUNS = 1.6  # runs in a stretch: one that reads on into the next is not independent of it
 _NEAR = 0.97  # of the measured period; a sampling period that much shorter is the same rate
 
 
@@ -32,10 +32,10 @@ _NEAR = 0.97  # of the measured period; a sampling period that much shorter is t
 class Trace:
     """Measured loop times, one after the other.
 
-    The trace is cut into stretches, each long against the time over which its loops hang together. Every Monte Carlo
-    seed takes one at random: its robots start there, each at a random place of its own, read on beyond its end, and go
-    on at the start where the trace ends. So a seed sees the network of one time, and how stretches differ tells how
-    another measurement of the same network would (`stretch`).
+    The trace is cut into stretches, each long against a run and against the time over which its loops hang together.
+    Every Monte Carlo seed takes one at random: its robots start there, each at a random place of its own, read on
+    beyond its end, and go on at the start where the trace ends. So a seed sees the network of one time, and how
+    stretches differ tells how another measurement of the same network would (`stretch`).
 
     Loop p takes row p, however long the measurement waited between rows, unless `period` says how long: then it takes
     the row measured p * tau after the start, so that bursts keep their length in seconds.
@@ -58,28 +58,37 @@ class Trace:
         Robots start in different parts of a stretch, at different rows if there are enough. Warns, once in the life of
         a trace, if the run is longer than the trace, which then comes round again.
         """
-        rows = jnp.asarray(self.delays, jnp.result_type(float))
         steps = self._steps(num_ticks, tau)
         self._warn_if_shorter(int(steps[-1]) + 1)
-        _, of_robots = jax.random.split(key)
-        row, begin, size = self._places(key)
+        return self._replay(key, jax.random.split(key)[1], steps, num_robots)
+
+    def draw_again(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+        """Replays other places of the stretch that a seed takes, [P, N] s: a copy of the network at the same time."""
+        return self._replay(key, jax.random.fold_in(key, 1), self._steps(num_ticks, tau), num_robots)
+
+    def _replay(self, key: Array, of_robots: Array, steps: np.ndarray, num_robots: int) -> Array:
+        rows = jnp.asarray(self.delays, jnp.result_type(float))
+        edges = jnp.asarray(self._edges(self.stretches(int(steps[-1]) + 1)))
+        row = self._row(key)
+        place = jnp.searchsorted(edges, row, side="right") - 1
+        begin, size = edges[place], edges[place + 1] - edges[place]
         part = jnp.maximum(size // num_robots, 1)
         apart = jnp.arange(num_robots) * part + jax.random.randint(of_robots, (num_robots,), 0, part)
         start = begin + (row - begin + apart) % size
         return rows[((steps % rows.size)[:, None] + start[None, :]) % rows.size]
 
-    @cached_property
-    def stretches(self) -> int:
-        """Number of stretches; 1 where the trace is too short to say how another of the network would differ."""
-        rows = np.size(self.delays)
-        fewest, most = _STRETCHES
-        number = min(int(rows // max(_LENGTH * correlation_rows(self.delays), _LEAST)), most)
-        return number if number >= fewest else 1
+    def run_rows(self, horizon: float, tau: float) -> int:
+        """Rows that a run of `horizon` s with a loop every `tau` s takes."""
+        return int(self._steps(max(round(horizon / tau), 1), tau)[-1]) + 1
 
-    def stretch(self, keys: Array) -> np.ndarray:
-        """Which stretch each Monte Carlo seed takes, [S], by its key."""
-        begin = jax.vmap(lambda key: self._places(key)[1])(keys)
-        return np.searchsorted(self._edges, np.asarray(begin), side="right") - 1
+    def stretches(self, run_rows: int) -> int:
+        """Number of stretches for runs of so many rows; 1 where the trace is too short to be cut."""
+        least = max(_LENGTH * self._together, _RUNS * run_rows)
+        return next((number for number in _STRETCHES if number * least <= np.size(self.delays)), 1)
+
+    def stretch(self, keys: Array, run_rows: int) -> np.ndarray:
+        """Which stretch each Monte Carlo seed takes, [S], by its key; for runs of so many rows."""
+        return np.searchsorted(self._edges(self.stretches(run_rows)), jax.vmap(self._row)(keys), side="right") - 1
 
     def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
         """Returns the share of the loops of the trace that complete by `deadline` (s), whatever the load.
@@ -99,16 +108,17 @@ class Trace:
         return Empirical(self.delays, self.source)
 
     @cached_property
-    def _edges(self) -> np.ndarray:
-        """First row of each stretch, and the number of rows."""
-        return np.arange(self.stretches + 1) * np.size(self.delays) // self.stretches
+    def _together(self) -> float:
+        return correlation_rows(self.delays)
 
-    def _places(self, key: Array) -> tuple[Array, Array, Array]:
-        """A row that a seed takes, and where its stretch begins and how many rows it has."""
-        row = jax.random.randint(jax.random.split(key)[0], (), 0, np.size(self.delays))
-        edges = jnp.asarray(self._edges)
-        place = jnp.searchsorted(edges, row, side="right") - 1
-        return row, edges[place], edges[place + 1] - edges[place]
+    def _edges(self, stretches: int) -> np.ndarray:
+        """First row of each stretch, and the number of rows."""
+        whole = np.arange(_STRETCHES[0] + 1) * np.size(self.delays) // _STRETCHES[0]
+        return whole[:: _STRETCHES[0] // stretches]
+
+    def _row(self, key: Array) -> Array:
+        """The row that decides a seed's stretch."""
+        return jax.random.randint(jax.random.split(key)[0], (), 0, np.size(self.delays))
 
     def _steps(self, num_ticks: int, tau: float) -> np.ndarray:
         """Rows between the start and each tick, [P]."""

@@ -201,14 +201,15 @@ def _row(row: Mapping[str, Any], before: Mapping[str, Any] | None) -> str:
     if np.isfinite(row["difference"]):
         gap = f"{signed(row['difference'])} {interval(row['difference_low'], row['difference_high'])}"
         gap += "" if row["paired"] else " not paired"
-    share = row["collision_share"]
+    share, low, high = (percent(row[f"collision_{name}"]) for name in ("share", "low", "high"))
+    close = f"{share} [{low}, {high}]"
     cells = (
         "" if before else f'{symbol(sweep)} <span class="words">{name_of(sweep)}</span>',
         "" if before and before["policy"] == policy else f"{mark(policy)} {escape(policy)}",
         escape(row["study"]), value_text(sweep, row["value"], with_unit=True), number(1e3 * row["deadline"]),
         plus_minus(row["qoc"], row["qoc_se"]), number(row["qoc_own_scale"], ".4f"), gap,
         plus_minus(row["auc"], row["auc_se"], ".3f"),
-        f'<strong class="warn">{percent(share)}</strong>' if share > 0 else percent(share),
+        close if row["within_limit"] else f'<strong class="warn">{close}</strong>',
     )  # fmt: skip
     parts = [f"<th scope=row>{cell}</th>" if k == 2 else f"<td>{cell}</td>" for k, cell in enumerate(cells)]
     return f"<tr>{''.join(parts)}</tr>"

@@ -56,7 +56,7 @@ def study_page(
         completion=_completion(study, problem, deadlines),
         about=_about(problem)
         | {"Computations at once": at_once_text(problem.network, *usual_load(study, problem))}
-        | ({"The trace": remark} if (remark := study_remark(problem.network, study.policies)) else {}),
+        | ({"The trace": remark} if (remark := _trace_text(study, problem)) else {}),
         config="" if options is None else OmegaConf.to_yaml(OmegaConf.create(dict(options))),
         record=json.dumps(list(study.made_with), indent=2, ensure_ascii=False),
         replays=replays,
@@ -65,6 +65,10 @@ def study_page(
         failures=dict(study.failures),
         hanging=hanging_of(problem, list(dict.fromkeys(study.results["sweep"]))),
     )
+
+
+def _trace_text(study: Study, problem: Problem) -> str | None:
+    return study_remark(problem.network, study.policies, problem.scenario.horizon, problem.designs.tau)
 
 
 def _completion(study: Study, problem: Problem, deadlines: np.ndarray) -> list[Completion]:

@@ -10,7 +10,7 @@ from qocjax.report.labels import name_of, symbol, value_text
 from qocjax.study.edges import edges_text
 from qocjax.study.reliability import share_text
 
-__all__ = ["headline", "mark", "policies_table"]
+__all__ = ["headline", "limit_notes", "mark", "policies_table"]
 
 _SHAPES = {
     "*": '<path d="M8 .8 9.9 5.7 15.2 6 11.1 9.3 12.5 14.5 8 11.6 3.5 14.5 4.9 9.3 .8 6 6.1 5.7Z"/>',
@@ -20,7 +20,7 @@ _SHAPES = {
 _WIDTH = 110  # of the small picture of an interval
 _HEADS = (
     "Sweep", "Policy", "Value", "Δ&nbsp;(ms)", "<i>F</i>(Δ)", "QoC ± SE", "95 % interval",
-    "Difference to Co-design [95 %]", "AUC ± SE (s)", "QoC when chosen", "Runs too close",
+    "Difference to Co-design [95 %]", "AUC ± SE (s)", "QoC when chosen", "Runs too close [95 %]", "Closest (m)",
 )  # fmt: skip
 
 
@@ -56,22 +56,52 @@ def _edges(policies: pd.DataFrame) -> str:
 
 
 def headline(policies: pd.DataFrame) -> str:
-    """The best choice of all in a sentence, and the best without collisions where that is another."""
+    """The best choice that keeps the limit on collisions in a sentence; a warning where none does."""
     found = policies[(policies["policy"] == "Co-design") & policies["qoc"].notna()]
     joint = found.sort_values("qoc", ascending=False, kind="stable")
     if joint.empty:
         return '<p class="headline"><strong class="warn">No sweep found a design.</strong></p>'
-    best = joint.iloc[0]
+    safe = joint[joint["within_limit"]]
+    if safe.empty:
+        best = joint.iloc[0]
+        warning = (
+            f' <strong class="warn">No choice is shown to keep the limit on collisions</strong>: in this one\'s runs '
+            f"robots come closer than two radii in {_share(best)}."
+        )
+        return f'<p class="headline">The best joint choice is {_choice(best)}{_others(policies, best)}.{warning}</p>'
+    best = safe.iloc[0]
     text = f"The best joint choice is {_choice(best)}{_others(policies, best)}."
     if best["collision_share"] > 0:
-        text += (
-            f' <strong class="warn">But in {percent(best["collision_share"])} of its runs the robots come closer than '
-            "two radii</strong>: QoC counts the distance from the reference, not safety."
-        )
-        safe = joint[joint["collision_share"] == 0]
-        if len(safe):
-            text += f" The best without such runs is {_choice(safe.iloc[0])}{_others(policies, safe.iloc[0])}."
+        text += f" In {_share(best)} of its runs robots come closer than two radii."
     return f'<p class="headline">{text}</p>'
+
+
+def _share(row: pd.Series) -> str:
+    return f"{percent(row['collision_share'])} [{percent(row['collision_low'])}, {percent(row['collision_high'])}]"
+
+
+def limit_notes(policies: pd.DataFrame) -> str:
+    """What the limit on collisions changed, and what it leaves without a recommendation."""
+    if "unconstrained_qoc" not in policies:
+        return "<p>No limit on collisions is set: these are the paper's policies.</p>"
+    found = policies[policies["qoc"].notna()]
+    text = ""
+    if not found["within_limit"].all():
+        text = (
+            '<p><strong class="warn">Not to be driven</strong> are the rows whose collisions stand out: on fresh seeds '
+            "the upper 95 % limit of their share breaks what is allowed (<code>max_collision_share</code>). Where no "
+            "design of a policy keeps it, the row is what the policy takes without a limit.</p>"
+        )
+    moved = found[(found["unconstrained_value"] != found["value"])
+                  | (found["unconstrained_deadline"] != found["deadline"])]  # fmt: skip
+    items = "".join(
+        f"<li>{mark(row['policy'])} {escape(row['policy'])}: {symbol(row['sweep'])} = "
+        f"{value_text(row['sweep'], row['unconstrained_value'], with_unit=True)} with Δ = "
+        f"{number(1e3 * row['unconstrained_deadline'])} ms, QoC {number(row['unconstrained_qoc'], '.4f')}, too close "
+        f"in {percent(row['unconstrained_collision_share'])} of the runs</li>"
+        for row in moved.to_dict("records")
+    )
+    return text + (f"<p>Without the limit, as in the paper, the policies take:</p><ul>{items}</ul>" if items else "")
 
 
 def _choice(row: pd.Series) -> str:
@@ -96,8 +126,8 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
     gap = "" if policy == "Co-design" or pd.isna(row["qoc"]) else (
         f"{signed(row['difference'])} {interval(row['difference_low'], row['difference_high'])}"
     )  # fmt: skip
-    share = row["collision_share"]
-    close = f'<strong class="warn">{percent(share)}</strong>' if share > 0 else percent(share)
+    close = _share(pd.Series(row))
+    close = close if row["within_limit"] else f'<strong class="warn">{close}</strong>'
     if pd.isna(row["qoc"]):
         gap = f'<span class="warn">{escape(row.get("error") or "no design")}</span>'
     edges = {end.split()[-1]: f'<abbr title="{escape(end)} of those tried">*</abbr>'
@@ -108,7 +138,7 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
         name, f"{mark(policy)} {escape(policy)}", value, deadline,
         share_text(row["reliability"], row["reliability_se"]), plus_minus(row["qoc"], row["qoc_se"]),
         _picture(row, low, high), gap, plus_minus(row["auc"], row["auc_se"], ".3f"),
-        number(row["qoc_selection"], ".4f"), close,
+        number(row["qoc_selection"], ".4f"), close, number(row["min_distance"], ".2f"),
     )  # fmt: skip
     parts = [
         f'<{"th scope=row" if k == 1 else "td"} data-label="{_plain_head(head)}"{" class=empty" if not cell else ""}>'

@@ -18,7 +18,7 @@ from qocjax.report.hall import HallMap
 from qocjax.report.html import escape, interval, number
 from qocjax.report.page import Section, details, facts, render, write
 from qocjax.report.parts import chart_place, tabs
-from qocjax.report.policies import headline, policies_table
+from qocjax.report.policies import headline, limit_notes, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
@@ -131,6 +131,7 @@ def _policies(page: StudyPage) -> str:
         "met the same starts and loop times, so that differences are paired.</p>"
         + _two_intervals(page)
         + policies_table(page.policies)
+        + limit_notes(page.policies)
         + _ties(page)
         + _hanging(page.hanging)
     )

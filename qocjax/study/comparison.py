@@ -98,7 +98,9 @@ def _common_scale(studies: Mapping[str, Study], reasons: Mapping[str, str]) -> S
     kind = np.result_type(*(study.runs["auc"].dtype for study in studies.values()))
     ends = np.cumsum([0, *(study.runs.sizes["seed"] for study in studies.values())]).tolist()
     apart = [place * _APART if reasons.get(name) else 0 for place, name in enumerate(studies)]
-    units = [units_in(study.runs) + by for study, by in zip(studies.values(), apart, strict=True)]
+    labels = [units_in(study.runs) for study in studies.values()]
+    # Stretches of a trace stay what they are, whichever seeds take them.
+    units = [np.where(each < 0, each, each + by) for each, by in zip(labels, apart, strict=True)]
 
     def parts() -> Iterator[tuple[slice, np.ndarray]]:
         for begin, end, study in zip(ends, ends[1:], studies.values(), strict=False):
@@ -174,7 +176,9 @@ def _rows(judged: _Judged, reference: _Judged, together: bool) -> Iterator[dict[
             "study": judged.name, "sweep": key[0], "policy": key[1], "value": row["value"],
             "deadline": row["deadline"], "reliability": row["reliability"], **choice.score.mean().columns("qoc"),
             "qoc_own_scale": row["qoc"], "auc": cost.mean, "auc_se": cost.se,
-            **gap.columns("difference"), "paired": is_paired, "collision_share": row["collision_share"],
+            **gap.columns("difference"), "paired": is_paired,
+            **{name: row.get(name, np.nan) for name in ("collision_share", "collision_low", "collision_high")},
+            "within_limit": bool(row.get("within_limit", True)),
             "seeds": len(judged.seeds),
         }  # fmt: skip
 

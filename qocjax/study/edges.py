@@ -10,7 +10,8 @@ import pandas as pd
 
 __all__ = ["at_bounds", "bounds_text", "edges_of", "edges_text"]
 
-_CLOSE = 0.02  # of a range; so near to its end is at its end
+_CLOSE = 0.05  # of a range in its own scale; so near to its end is at its end
+_TINY = 0.01  # of a range in linear scale, as of a gain that may as well be 0
 
 
 def edges_of(rows: pd.DataFrame, choice: Mapping[str, Any] | pd.Series, policy: str) -> str:
@@ -42,10 +43,10 @@ def at_bounds(
     """
     found = []
     for name, (low, high) in bounds.items():
-        share = (design[name] - low) / (high - low)
+        linear = share = (design[name] - low) / (high - low)
         if low > 0:
             share = np.log(design[name] / low) / np.log(high / low)
-        if min(share, 1.0 - share) <= _CLOSE:
+        if min(share, 1.0 - share) <= _CLOSE or min(linear, 1.0 - linear) <= _TINY:
             found.append(f"{'smallest' if share < 0.5 else 'largest'} {name}")
     for name, values in lists.items():
         low, high = min(values), max(values)

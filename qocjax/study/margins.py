@@ -14,7 +14,7 @@ from qocjax import _checks
 from qocjax.network import Constant, IndependentLoss, Leg, LoopNetwork
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
-from qocjax.study.statistics import resampled
+from qocjax.study.statistics import bootstrap_weights
 
 __all__ = [
     "Bound",
@@ -28,7 +28,6 @@ __all__ = [
 ]
 
 _RESAMPLES = 999
-_PARTS = 4  # of the resamples, for memory
 _NONE_BELOW, _NONE_ABOVE = -1.0, 2.0  # what a statistic returns where the target is not met: no delay, no probability
 
 
@@ -61,6 +60,8 @@ class Bound:
     low: float | None
     high: float | None
     at_edge: bool  # the grid ends there: the true bound may lie beyond
+    low_at_edge: bool = False
+    high_at_edge: bool = False
 
 
 @dataclass(frozen=True)
@@ -209,13 +210,13 @@ def _bound(
     units: np.ndarray | None = None,
 ) -> Bound:
     """A statistic of mean QoC [C, B], and its 95 % percentile bootstrap over the common seeds."""
-    drawn = resampled(scores.shape[1], units, _RESAMPLES)
-    found = np.concatenate([statistic(scores[:, some].mean(axis=-1)) for some in np.array_split(drawn, _PARTS)])
+    weights = bootstrap_weights(scores.shape[1], units, _RESAMPLES)
+    found = statistic(scores @ weights.T)
     value = float(statistic(scores.mean(axis=1, keepdims=True))[0])
     # Ranks, not interpolation: `not on the grid` is no number to average with.
     low, high = (float(q) for q in np.quantile(found, [0.025, 0.975], method="inverted_cdf"))
     plain = [None if number in (_NONE_BELOW, _NONE_ABOVE) else number for number in (value, low, high)]
-    return Bound(plain[0], plain[1], plain[2], bool(np.isclose(value, edge)))
+    return Bound(plain[0], plain[1], plain[2], *(bool(np.isclose(each, edge)) for each in (value, low, high)))
 
 
 def _at(axis: np.ndarray, scores: np.ndarray, name: str, value: float) -> np.ndarray:

@@ -54,15 +54,15 @@ class Objective:
         found = [computations_at_once(self.network, load_of(self.scenario, each)) for each in periods]
         return np.array([np.nan if each is None else each.mean for each in found])[place].reshape(np.shape(tau))
 
-    def units(self, seeds: Sequence[int]) -> np.ndarray:
-        """Labels of seeds, [S], equal where they share a stretch of a measured trace."""
-        return units_of(self.network, seeds, self.key)
+    def units(self, seeds: Sequence[int], tau: ArrayLike) -> np.ndarray:
+        """Labels of seeds, [S], equal where runs with such sampling periods (s) share a stretch of a measured trace."""
+        return units_of(self.network, seeds, self.key, self.scenario.horizon, tau)
 
     def judged(self, runs: xr.Dataset) -> Scores:
         """QoC of runs with what its two intervals need."""
         auc = runs["auc"].values.astype(np.float64)
         auc = np.where(np.isnan(auc), np.inf, auc)
-        return Scores.of(auc, self.scale, self.units(runs["seed"].values.tolist()))
+        return Scores.of(auc, self.scale, self.units(runs["seed"].values.tolist(), runs["tau"].values))
 
     def scores(self, designs: Design, seeds: Sequence[int]) -> np.ndarray:
         """QoC of each design and seed, [G, S], mean over robots."""
@@ -94,4 +94,6 @@ def pilot_scale(
     """
     designs = replace(baseline, deadline=np.asarray(deadlines, float))
     runs = evaluate(scenario, designs, network, seeds, rules=rules, key=key)
-    return scale_of_runs(runs["auc"].values, scenario, units=units_of(network, seeds, key))
+    return scale_of_runs(
+        runs["auc"].values, scenario, units=units_of(network, seeds, key, scenario.horizon, baseline.tau)
+    )

@@ -119,7 +119,7 @@ def measured_scale(parts: Parts, units: np.ndarray, largest: float | None) -> St
         count[seeds] += finite.sum(axis=(0, 2))
     share = below / np.maximum(count, 1)
     influence = (share.mean() - share) / _density(parts, found.median, float(count.sum()))
-    error = float(standard_error(influence, units=units)) if np.unique(units).size > 1 else 0.0
+    error = float(standard_error(influence, units=units)) if len(units) > 1 else 0.0
     top = found.largest if largest is None else largest
     if not np.isfinite(error):
         return StudyScale(found.median, top)

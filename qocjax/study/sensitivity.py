@@ -90,7 +90,7 @@ def elasticities(
             for other, column in columns.items():
                 column.append(column[0] * (np.exp(sign * step) if other == name else 1.0))
     scores = objective.scores(Design(**{name: np.array(column) for name, column in columns.items()}), seeds)
-    units = objective.units(seeds)
+    units = objective.units(seeds, design.tau)
     rows = []
     for k, (name, value) in enumerate(values.items()):
         slope = (scores[2 * k + 2] - scores[2 * k + 1]) / (2 * step)

@@ -25,8 +25,8 @@ class Effort:
 
     points: int = 64
     rounds: tuple[int, ...] = (8, 32, 128)  # seeds of each, the first part of the next
-    finalists: int = 12
-    fresh_seeds: int = 256
+    finalists: int = 32
+    fresh_seeds: int = 1024  # to choose among the finalists, and as many to judge: a share of 1 % takes so many
 
     def __post_init__(self) -> None:
         for name in ("points", "finalists"):
@@ -36,10 +36,24 @@ class Effort:
             raise ValueError(f"rounds: got {list(self.rounds)}, expected ascending numbers of seeds, each at least 2")
 
 
-def shortlist(objective: Objective, box: Box, axis: np.ndarray, limit: float, effort: Effort) -> Design:
-    """Finalists, the best first: Sobol points over the box, again over the box of the best, then successive halving."""
+def shortlist(
+    objective: Objective, box: Box, axis: np.ndarray, limit: float, effort: Effort, search: Sequence[int]
+) -> Design:
+    """Finalists, the best first: Sobol points over the box, again over the box of the best, then successive halving.
+
+    Args:
+        objective: The setting.
+        box: Gains and their bounds.
+        axis: Deadlines (s).
+        limit: Largest share of runs with a collision.
+        effort: How much is simulated.
+        search: Seeds of the last round; those of each round are the first of these.
+
+    Raises:
+        ValueError: No design that was tried keeps the limit; the message names the closest.
+    """
     rng = np.random.default_rng(objective.key % 2**32)
-    seeds = range(effort.rounds[0])
+    seeds = search[: effort.rounds[0]]
     unit = box.points(effort.points, rng)
     pool = stacked([_crossed(box, unit, axis), along_deadlines(box.baseline, axis)])
     score, share = _measure(objective, pool, seeds)
@@ -55,7 +69,9 @@ def shortlist(objective: Objective, box: Box, axis: np.ndarray, limit: float, ef
     for k, count in enumerate(effort.rounds[1:], start=1):
         left = max(effort.finalists, score.size // 8 if k < len(effort.rounds) - 1 else effort.finalists)
         pool = take(pool, _order(score, share, limit)[:left])
-        score, share = _measure(objective, pool, range(count))
+        score, share = _measure(objective, pool, search[:count])
+    cautious = np.where(share > 0, share + np.sqrt(share * (1 - share) / effort.rounds[-1]), share)
+    share = cautious if cautious.min() <= limit else share  # a design at the limit is within it by luck
     order = _order(score, share, limit)[: effort.finalists]
     if share[order[0]] > limit:
         least = row(pool, int(order[0]))

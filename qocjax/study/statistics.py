@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special  # not scipy.stats, which takes a third of a second to import
 
-__all__ = ["Estimate", "estimate", "paired", "relative", "resampled", "share", "standard_error", "student", "unpaired"]
+__all__ = [
+    "Estimate", "bootstrap_weights", "estimate", "paired", "relative", "resampled", "share", "standard_error",
+    "student", "unpaired",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -105,16 +110,18 @@ def relative(values: ArrayLike, others: ArrayLike, units: np.ndarray | None = No
 def share(hits: ArrayLike, units: np.ndarray | None = None, confidence: float = 0.95) -> Estimate:
     """Share of seeds [S] in which something happened, with Clopper and Pearson's interval.
 
-    Where seeds share units it is that of as many independent seeds as have the same error (Korn and Graubard, 1998).
+    Where seeds share units it is that of as many independent seeds as have the same error, less for the few units that
+    it is known from (Korn and Graubard, 1998); where it happened never or always, of as many as there are units.
 
     Raises:
         ValueError: Fewer than two seeds or units.
     """
     found = np.asarray(hits, np.float64)
-    mean, of = float(found.mean()), float(found.size)
+    mean, of, known = float(found.mean()), float(found.size), _grouped(units, found.size)[0]
     plain, se = float(standard_error(found)), float(standard_error(found, units=units))
-    if se > plain > 0.0:
-        of *= (plain / se) ** 2
+    if known < found.size:
+        of = min(of, of * (plain / se) ** 2) if se > 0.0 else known
+        of = max(of * (student(found.size) / student(known)) ** 2, 1.0)
     tail, count = (1.0 - confidence) / 2.0, mean * of
     low = float(special.betaincinv(count, of - count + 1.0, tail)) if count > 0.0 else 0.0
     high = float(special.betaincinv(count + 1.0, of - count, 1.0 - tail)) if count < of else 1.0
@@ -137,6 +144,28 @@ def resampled(size: int, units: np.ndarray | None, count: int, random: int = 0) 
     members = [np.flatnonzero(place == unit) for unit in range(known)]
     drawn = [np.concatenate([members[unit] for unit in row]) for row in rng.integers(0, known, (count, known))]
     return np.stack([np.resize(rng.permutation(row), size) for row in drawn])
+
+
+def bootstrap_weights(size: int, units: Sequence[int] | np.ndarray | None, count: int, random: Any = 0) -> np.ndarray:
+    """Weights of seeds in bootstrap samples of a mean, [count, size]; those with one label are drawn together.
+
+    Their deviations from equal weights are widened so that a mean varies as its Student interval says: the plain
+    bootstrap of few observations is too narrow, by 13 % for 16 and by 80 % for 4.
+
+    Args:
+        size: S.
+        units: [S] Labels of the seeds, see `standard_error`.
+        count: Samples.
+        random: Seed of the draws, or their generator.
+    """
+    labels, place = np.unique(np.arange(size) if units is None else np.asarray(units), return_inverse=True)
+    known, rng = labels.size, np.random.default_rng(random)
+    drawn = rng.multinomial(known, np.full(known, 1.0 / known), size=count)[:, place]
+    shares = drawn / drawn.sum(axis=1, keepdims=True)
+    if known == 1:
+        return shares
+    widen = np.sqrt(known / (known - 1)) * student(known) / special.ndtri(0.975)
+    return 1.0 / size + (shares - 1.0 / size) * widen
 
 
 def unpaired(

@@ -18,16 +18,15 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
 from qocjax.store.memory import InMemory, Shelf
+from qocjax.study.choosing import picks, places_of
 from qocjax.study.chunks import CHUNK_STEPS, Engine, Part, Problem
-from qocjax.study.edges import edges_of
 from qocjax.study.engine import LocalEngine
 from qocjax.study.grid import Grid
+from qocjax.study.judging import judged_policies
 from qocjax.study.parts import PartRuns, run_part
-from qocjax.study.policies import MIN_RELIABILITY, POLICIES, NoDesignError, min_delay
+from qocjax.study.policies import MIN_RELIABILITY, min_delay
 from qocjax.study.reliability import reliability_of
 from qocjax.study.scales import largest_auc, measured_scale
-from qocjax.study.scores import difference, score
-from qocjax.study.statistics import estimate
 from qocjax.study.table import qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
 from qocjax.study.units import units_of, with_units
@@ -87,6 +86,7 @@ def run_study(
     key: int = 0,
     min_reliability: float = MIN_RELIABILITY,
     scale: QocScale | None = None,
+    max_collision_share: float | None = None,
     progress: Callable[[int], object] | None = None,
     controller: Controller | None = None,
 ) -> Study:
@@ -102,6 +102,8 @@ def run_study(
         key: Root of all random numbers.
         min_reliability: What MinDelay asks of F(Delta).
         scale: J_med and J_max, where given; else of all selection runs.
+        max_collision_share: Largest share of runs with a collision that a choice may have; None for the paper's
+            policies, which know no such limit.
         progress: Called with robot-steps done.
         controller: What computes the commands, by default the surrogate law.
 
@@ -111,7 +113,8 @@ def run_study(
     problem = Problem(scenario, grid.designs, network, rules or Rules(), key, controller)
     return study_of(
         problem, grid, selection_seeds, evaluation_seeds,
-        min_reliability=min_reliability, scale=scale, progress=progress or (lambda steps: None),
+        min_reliability=min_reliability, scale=scale, max_collision_share=max_collision_share,
+        progress=progress or (lambda steps: None),
     )  # fmt: skip
 
 
@@ -124,6 +127,7 @@ def study_of(
     min_reliability: float = MIN_RELIABILITY,
     scale: QocScale | None = None,
     j_max_of: str = "still",
+    max_collision_share: float | None = None,
     shelf: Shelf | None = None,
     engine: Engine | None = None,
     chunk_steps: float = CHUNK_STEPS,
@@ -142,6 +146,8 @@ def study_of(
         min_reliability: What MinDelay asks of F(Delta).
         scale: J_med and J_max, where given; else J_med is that of all selection runs.
         j_max_of: What J_max is where no scale is given, see `scales.LARGEST`.
+        max_collision_share: Largest share of runs with a collision that a choice may have; None for the paper's
+            policies, which know no such limit.
         shelf: Where results of chunks are kept; None for memory.
         engine: What computes chunks; None for this process.
         chunk_steps: Robot-steps of a chunk.
@@ -153,6 +159,8 @@ def study_of(
     """
     selection, evaluation = _checked_seeds(selection_seeds, evaluation_seeds)
     _checks.bounded("min_reliability", min_reliability, least=0, most=1)
+    if max_collision_share is not None:
+        _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
     _checks.bounded("chunk_steps", chunk_steps, above=0)
     j_max = largest_auc(problem.scenario, j_max_of)
     reliability = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau)
@@ -161,16 +169,19 @@ def study_of(
         min_delay(np.zeros(shares.shape), shares, min_reliability)
     rest = (shelf or InMemory(), engine or LocalEngine(), chunk_steps, progress)
     first = run_part(problem, Part("selection", selection), *rest)
-    units = [units_of(problem.network, seeds, problem.key) for seeds in (selection, evaluation)]
+    horizon, tau = problem.scenario.horizon, problem.designs.tau
+    units = [units_of(problem.network, seeds, problem.key, horizon, tau) for seeds in (selection, evaluation)]
     scale = scale or measured_scale(lambda: _auc_parts(first), units[0], j_max)
     results = results_table(first.runs, grid, reliability, scale, first.failed, units[0])
-    chosen = _choose(results, grid, min_reliability)
-    places, inverse = np.unique(grid.design[[row for _, _, row in chosen if row is not None]], return_inverse=True)
+    chosen = picks(results, grid, min_reliability, max_collision_share)
+    places = np.unique(grid.design[list(places_of(chosen, grid))])
     if not len(places):
         raise ValueError("policies: got no design that neither diverged nor failed, expected at least one to choose")
     second = run_part(problem, Part("evaluation", evaluation, tuple(places.tolist())), *rest)
-    policies = _judge(results, chosen, second, iter(inverse.tolist()), scale, units[1])
-    policies = policies.join(pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale, units[0])))
+    policies = judged_policies(results, grid, chosen, second, scale, units[1], max_collision_share)
+    policies = policies.join(
+        pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale, units[0], max_collision_share))
+    )
     made_with = {str(each): each for each in (*first.made_with, *second.made_with)}
     held = [part.runs if shelf else part.runs.load() for part in (first, second)]
     runs, judged = (with_units(part, labels) for part, labels in zip(held, units, strict=True))
@@ -185,70 +196,6 @@ def _auc_parts(part: PartRuns) -> Iterator[tuple[slice, np.ndarray]]:
     """AUC of the chunks that are there, with the places of their seeds."""
     for chunk in part.chunks:
         yield slice(*chunk.seeds), part.shelf.array(chunk.name, "auc")
-
-
-def _choose(results: pd.DataFrame, grid: Grid, min_reliability: float) -> list[tuple[str, str, int | None]]:
-    """(sweep, policy, row of the results) of each choice; None where every design diverged or failed.
-
-    A design that diverged in any run is not to be chosen.
-    """
-    chosen: list[tuple[str, str, int | None]] = []
-    sound = np.where(results["diverged_share"] > 0, np.nan, results["qoc"])
-    for sweep in dict.fromkeys(grid.sweep):
-        rows = grid.rows(sweep)
-        reliability = results["reliability"].to_numpy()[rows]
-        for name, policy in POLICIES.items():
-            try:
-                value, deadline = policy(sound[rows], reliability, min_reliability)
-            except NoDesignError:
-                chosen.append((sweep, name, None))
-            else:
-                chosen.append((sweep, name, int(rows[value, deadline])))
-    return chosen
-
-
-def _judge(
-    results: pd.DataFrame,
-    chosen: list[tuple[str, str, int | None]],
-    evaluation: PartRuns,
-    places: Any,
-    scale: QocScale,
-    units: np.ndarray,
-) -> pd.DataFrame:
-    """Scores of the choices on the evaluation seeds, and the paired difference of each policy to Co-design."""
-    runs = evaluation.runs
-    every = runs["auc"].values.astype(np.float64)  # [G, S, N]
-    costs = every.mean(axis=-1)
-    every = np.where(np.isnan(every), np.inf, every)  # diverged
-    every[list(evaluation.failed)] = np.nan
-    at = {(sweep, policy): None if row is None else next(places) for sweep, policy, row in chosen}
-    nothing = np.full(every.shape[1:], np.nan)
-    table = []
-    for sweep, policy, row in chosen:
-        k, base = at[sweep, policy], at[sweep, "Co-design"]
-        point = results.loc[row] if row is not None else dict.fromkeys(results.columns, np.nan)
-        own, cost = (nothing, nothing[:, 0]) if k is None else (every[k], costs[k])
-        auc = estimate(cost, units=units)
-        gap = difference(own, nothing if base is None else every[base], scale, units)
-        line = {
-            "sweep": sweep, "policy": policy, "value": point["value"], "deadline": point["deadline"],
-            "reliability": point["reliability"], "reliability_se": point["reliability_se"],
-            "qoc_selection": point["qoc"],
-            **score(own, scale, units).columns("qoc"),
-            "auc": auc.mean, "auc_se": auc.se,
-            **gap.columns("difference"),
-            "collision_share": np.nan if k is None or k in evaluation.failed else runs["collided"].values[k].mean(),
-            "diverged_share": np.nan if k is None or k in evaluation.failed else np.mean(~np.isfinite(cost)),
-            "seeds": every.shape[1],
-            "at_edge": edges_of(results[results["sweep"] == sweep], point, policy),
-        }  # fmt: skip
-        if k is None:
-            line["error"] = "every design diverged or failed"
-        elif k in evaluation.failed:
-            line["error"] = evaluation.failed[k]
-        table.append(line)
-    frame = pd.DataFrame(table)
-    return frame.fillna({"error": ""}) if "error" in frame else frame
 
 
 def _checked_seeds(selection: Sequence[int], evaluation: Sequence[int]) -> tuple[Sequence[int], Sequence[int]]:

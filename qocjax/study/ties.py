@@ -10,28 +10,29 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
+from qocjax.study.choosing import Pick
 from qocjax.study.grid import Grid
 from qocjax.study.statistics import standard_error, student
 from qocjax.study.table import qoc_by_seed
 
 __all__ = ["tie_columns", "tie_lines"]
 
-Choice = tuple[str, str, int | None]  # sweep, policy, row of the results
-
 
 def tie_columns(
     runs: xr.Dataset,
     grid: Grid,
     results: pd.DataFrame,
-    chosen: Sequence[Choice],
+    chosen: Sequence[Pick],
     scale: QocScale,
     units: np.ndarray | None = None,
+    limit: float | None = None,
 ) -> list[dict[str, Any]]:
     """For each choice the values that tie with it, and the stretch of deadlines.
 
-    A value ties where the 95 % interval of its paired difference to the choice, on the seeds of the choice, holds zero:
-    with Co-design each value at its own best deadline, with the other policies at theirs. Of equals the policies take
-    the one with the largest mean.
+    A value ties where the interval of its paired difference to the choice, on the seeds of the choice, holds zero, all
+    intervals of a set together with 95 % (Bonferroni; the choice is the largest of these means, so that its equals lie
+    below it by chance): with Co-design each value at its own best deadline, with the other policies at theirs. Of
+    equals the policies take the one with the largest mean.
 
     Args:
         runs: Of the selection seeds.
@@ -40,6 +41,7 @@ def tie_columns(
         chosen: From the policies.
         scale: Of the QoC.
         units: [S] Labels of the seeds, see `units_of`.
+        limit: Largest share of runs with a collision: what breaks it is no tie of a choice that keeps it.
 
     Returns:
         For each choice `tied_values` (text, values separated by blanks), and at the chosen value `tied_deadline_low`
@@ -49,7 +51,9 @@ def tie_columns(
     def equal(rows: np.ndarray, place: int) -> np.ndarray:
         return _equal(qoc_by_seed(runs.isel(design=grid.design[rows]), scale), place, units)
 
-    return [_ties(equal, grid, results, *choice) for choice in chosen]
+    qoc = results["qoc"].where(results["diverged_share"] == 0, -np.inf).fillna(-np.inf).to_numpy()
+    safe = qoc if limit is None else np.where(results["collision_share"] <= limit, qoc, -np.inf)
+    return [_ties(equal, grid, safe if pick.kept else qoc, pick) for pick in chosen]
 
 
 def tie_lines(policies: pd.DataFrame) -> list[str]:
@@ -65,33 +69,36 @@ def tie_lines(policies: pd.DataFrame) -> list[str]:
     return lines
 
 
-def _ties(
-    equal: Callable[[np.ndarray, int], np.ndarray],
-    grid: Grid,
-    results: pd.DataFrame,
-    sweep: str,
-    policy: str,
-    row: int | None,
-) -> dict[str, Any]:
-    if row is None:
+def _ties(equal: Callable[[np.ndarray, int], np.ndarray], grid: Grid, qoc: np.ndarray, pick: Pick) -> dict[str, Any]:
+    if pick.row is None:
         return {"tied_values": "", "tied_deadline_low": np.nan, "tied_deadline_high": np.nan}
-    rows = grid.rows(sweep)
-    value, deadline = (int(place[0]) for place in np.nonzero(rows == row))
-    free = policy == "Co-design"  # the deadline too
-    qoc = results["qoc"].where(results["diverged_share"] == 0, -np.inf).fillna(-np.inf).to_numpy()[rows]
-    own = qoc.argmax(axis=1) if free else np.full(len(rows), deadline)
-    values = equal(rows[np.arange(len(rows)), own], value)
-    along = equal(rows[value], deadline) if free else np.arange(rows.shape[1]) == deadline
-    axis = grid.deadline[rows[0]][along]
+    rows = grid.rows(pick.sweep)
+    value, deadline = (int(place[0]) for place in np.nonzero(rows == pick.row))
+    free = pick.policy == "Co-design"  # the deadline too
+    own = qoc[rows].argmax(axis=1) if free else np.full(len(rows), deadline)
+    best = rows[np.arange(len(rows)), own]
+    values = equal(best, value) & np.isfinite(qoc[best])
+    along = np.arange(rows.shape[1]) == deadline
+    if free:
+        along = equal(rows[value], deadline) & np.isfinite(qoc[rows[value]])
+    low, high = _about(along, deadline)
+    axis = grid.deadline[rows[0]][low : high + 1]
     return {
         "tied_values": " ".join(f"{each:g}" for each in grid.value[rows[:, 0]][values]),
         "tied_deadline_low": float(axis.min()), "tied_deadline_high": float(axis.max()),
     }  # fmt: skip
 
 
+def _about(along: np.ndarray, place: int) -> tuple[int, int]:
+    """First and last of the stretch without a hole about a place."""
+    apart = np.flatnonzero(~along)
+    low, high = apart[apart < place], apart[apart > place]
+    return int(low.max() + 1) if low.size else 0, int(high.min() - 1) if high.size else along.size - 1
+
+
 def _equal(scores: np.ndarray, chosen: int, units: np.ndarray | None) -> np.ndarray:
-    """Which of the scores [K, S] cannot be told from the chosen ones."""
+    """Which of the scores [K, S] cannot be told from the chosen ones: all intervals hold at once (Bonferroni)."""
     gap = scores - scores[chosen]
     observations = gap.shape[1] if units is None else np.unique(units).size
-    half = student(observations) * standard_error(gap, units=units)
+    half = student(observations, 1.0 - 0.05 / max(len(gap) - 1, 1)) * standard_error(gap, units=units)
     return (gap.mean(axis=1) + half >= 0.0) | (np.arange(len(gap)) == chosen)

@@ -7,6 +7,7 @@ of it differ, in which the luck of the seeds is contained.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,9 @@ from qocjax.network import Trace
 from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.study.recorded import network_keys
 
-__all__ = ["study_remark", "trace_of", "trace_remark", "units_in", "units_of", "with_units"]
+__all__ = ["seeds_apart", "study_remark", "trace_of", "trace_remark", "units_in", "units_of", "with_units"]
 
+_HALVED = 8  # stretches from which half may choose and half judge
 _SPELLS = 30  # independent spells of missed loops from which an interval of a mean is what it says
 
 
@@ -30,18 +32,52 @@ def trace_of(network: Any) -> Trace | None:
     return network
 
 
-def units_of(network: Any, seeds: Sequence[int], key: int) -> np.ndarray:
+def units_of(network: Any, seeds: Sequence[int], key: int, horizon: float, tau: ArrayLike) -> np.ndarray:
     """Which seeds share an observation: a label for each, [S], the seed itself where it is one by itself.
 
     Args:
         network: Where loop times come from.
         seeds: Monte Carlo seeds.
         key: Root of all random numbers.
+        horizon: Length of a run (s).
+        tau: Sampling periods of what is compared (s); the one with the longest stretches counts.
     """
     trace = trace_of(network)
-    if trace is None or trace.stretches == 1:
+    rows = 0 if trace is None else _run_rows(trace, horizon, tau)
+    if trace is None or trace.stretches(rows) == 1:
         return np.asarray(seeds, np.int64)
-    return -1 - trace.stretch(network_keys(seeds, key))  # apart from the numbers of seeds
+    return -1 - trace.stretch(network_keys(seeds, key), rows)  # apart from the numbers of seeds
+
+
+def _run_rows(trace: Trace, horizon: float, tau: ArrayLike) -> int:
+    return max(trace.run_rows(horizon, float(each)) for each in np.unique(np.asarray(tau, float)))
+
+
+def seeds_apart(network: Any, key: int, counts: Sequence[int], horizon: float, tau: ArrayLike) -> list[Sequence[int]]:
+    """Sets of fresh seeds of these sizes; those of the last take other stretches of a trace than the rest.
+
+    What was chosen on some stretches is so judged on others: the even ones choose, the odd ones judge. Of a trace that
+    is too short for that, and of other networks, the sets are consecutive seeds.
+
+    Args:
+        network: Where loop times come from.
+        key: Root of all random numbers.
+        counts: Sizes of the sets.
+        horizon: Length of a run (s).
+        tau: Sampling periods (s).
+    """
+    trace = trace_of(network)
+    rows = 0 if trace is None else _run_rows(trace, horizon, tau)
+    if trace is None or trace.stretches(rows) < _HALVED:
+        ends = np.cumsum([0, *counts]).tolist()
+        return [range(first, last) for first, last in pairwise(ends)]
+    odd = np.zeros(0, bool)
+    while min((~odd).sum() - sum(counts[:-1]), odd.sum() - counts[-1]) < 0:
+        more = range(odd.size, odd.size + 2 * sum(counts))
+        odd = np.append(odd, trace.stretch(network_keys(more, key), rows) % 2 == 1)
+    even = np.flatnonzero(~odd)
+    ends = np.cumsum([0, *counts[:-1]]).tolist()
+    return [*(even[a:b].tolist() for a, b in pairwise(ends)), np.flatnonzero(odd)[: counts[-1]].tolist()]
 
 
 def with_units(runs: xr.Dataset, units: np.ndarray) -> xr.Dataset:
@@ -56,35 +92,46 @@ def units_in(runs: xr.Dataset) -> np.ndarray:
     return -1 - runs["stretch"].values if "stretch" in runs.coords else runs["seed"].values.astype(np.int64)
 
 
-def study_remark(network: Any, policies: pd.DataFrame) -> str | None:
+def study_remark(network: Any, policies: pd.DataFrame, horizon: float, tau: ArrayLike) -> str | None:
     """What `trace_remark` says of the deadlines that Co-design chose."""
     chosen = policies.loc[policies["policy"] == "Co-design", "deadline"]
-    return trace_remark(network, chosen[np.isfinite(chosen)])
+    return trace_remark(network, chosen[np.isfinite(chosen)], horizon, tau)
 
 
-def trace_remark(network: Any, deadline: ArrayLike) -> str | None:
+def trace_remark(network: Any, deadline: ArrayLike, horizon: float, tau: ArrayLike) -> str | None:
     """What a trace is too short to say; None where it is long enough, or the network is none.
 
     Args:
         network: Where loop times come from.
         deadline: Deadlines that matter (s); the one with the fewest spells of missed loops counts.
+        horizon: Length of a run (s).
+        tau: Sampling periods (s).
     """
     trace = trace_of(network)
     if trace is None:
         return None
-    rows, together = np.size(trace.delays), correlation_rows(trace.delays)
-    if trace.stretches == 1:
+    size, run = np.size(trace.delays), _run_rows(trace, horizon, tau)
+    if trace.stretches(run) == 1:
         return (
-            f"trace {trace.name!r} is too short to say how another measurement of its network would differ: {rows} "
-            f"loops of which about {together:.0f} hang together; intervals are those of replays of this one"
+            f"trace {trace.name!r} is too short to say how another measurement of its network would differ: {size} "
+            f"loops, of which about {correlation_rows(trace.delays):.0f} hang together, for runs of {run}; "
+            "intervals are those of replays of this one"
         )
-    for limit in np.unique(np.asarray(deadline, float)):
-        share = 1.0 - float(trace.reliability(limit).share)
-        spells = min(share, 1.0 - share) * independent_rows(trace.delays, float(limit))
-        if 0.0 < spells < _SPELLS:
-            rarer = "missed" if share < 0.5 else "completed"
-            return (
-                f"trace {trace.name!r} has only about {max(spells, 1.0):.0f} independent spells of {rarer} loops at "
-                f"{1e3 * limit:.4g} ms: intervals hold less often than they say (below {_SPELLS} spells)"
-            )
-    return None
+    few = [text for limit in np.unique(np.asarray(deadline, float)) if (text := _few_spells(trace, float(limit)))]
+    return few[0] if few else None
+
+
+def _few_spells(trace: Trace, deadline: float) -> str | None:
+    """A sentence where the loops that decide at a deadline come in few independent spells."""
+    missed = 1.0 - float(trace.reliability(deadline).share)
+    enough = independent_rows(trace.delays, deadline)
+    spells, rarer = min(missed, 1.0 - missed) * enough, "missed" if missed < 0.5 else "completed"
+    if spells >= _SPELLS:
+        return None
+    at = f"trace {trace.name!r} has "
+    if spells == 0.0:
+        most = 3.0 / np.size(trace.delays)
+        return at + (f"no {rarer} loop at {1e3 * deadline:.4g} ms, and so does not say how often there are any "
+                     f"(below {most:.1g} were they independent)")  # fmt: skip
+    return at + (f"only about {max(spells, 1.0):.0f} independent spells of {rarer} loops at {1e3 * deadline:.4g} ms: "
+                 f"intervals hold less often than they say (below {_SPELLS} spells)")  # fmt: skip

@@ -64,5 +64,5 @@ def simulated_curve(
         row, column = np.argwhere(~np.isfinite(auc))[0]
         raise ValueError(f"{source}: {np.count_nonzero(~np.isfinite(auc))} of {auc.size} runs diverged, the first at "
                          f"{1e3 * axis[row]:g} ms with seed {list(seeds)[column]}, expected a finite AUC")  # fmt: skip
-    units = units_of(network, seeds, key)
+    units = units_of(network, seeds, key, scenario.horizon, design.tau)
     return Curve.of_table(axis, auc, list(seeds), source, None if trace_of(network) is None else units.tolist())

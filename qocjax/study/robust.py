@@ -1,0 +1,138 @@
+"""Which of many good designs to recommend: safe, close to the best, and the best where the network becomes worse.
+
+The best deadline on a network lies now and then on a cliff: with a longer one all is nearly as good, on a slower
+network all is lost. So among designs that the mean hardly tells apart the one is taken whose worst mean QoC over
+stated changes is the largest; and of its gains each that makes no difference goes back to what the user has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qocjax import _checks
+from qocjax.scenario import Design
+from qocjax.study.objective import Objective
+from qocjax.study.scores import Scores
+from qocjax.study.search import stacked, take
+from qocjax.study.shortlist import along_deadlines, row
+from qocjax.study.statistics import share
+from qocjax.study.stress import on_network, worse
+
+__all__ = ["OBJECTIVES", "Chosen", "choose"]
+
+OBJECTIVES = ("robust", "mean")
+_CLOSE = 0.01  # of the best QoC: what a recommendation may cost on the network as it is
+_LONGER = (1.0, 1.1, 1.25, 1.5, 2.0)  # times the deadline of a finalist
+_GAINS = 6  # finalists of which longer deadlines are tried
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What is recommended."""
+
+    design: Design
+    by_mean: Design  # the best mean QoC among those that keep the limit
+    safe: bool  # whether it keeps the limit on collisions, by the upper end of their share
+    kept: tuple[str, ...]  # gains that went back to the user's
+    others: Design  # that keep the limit and cannot be told from it
+
+
+def choose(
+    objective: Objective,
+    finalists: Design,
+    current: Design,
+    names: Sequence[str],
+    limit: float,
+    longest: float,
+    seeds: Sequence[int],
+    how: str = "robust",
+) -> Chosen:
+    """Chooses among finalists, and their gains at longer deadlines.
+
+    Args:
+        objective: The setting.
+        finalists: Of a search, best first.
+        current: What the user has.
+        names: Gains that may differ from it.
+        limit: Largest share of runs with a collision, kept by the upper end of its 95 % interval.
+        longest: Longest deadline (s).
+        seeds: [S] on which is chosen, others than those of the search.
+        how: Of `OBJECTIVES`.
+
+    Raises:
+        ValueError: An unknown objective.
+    """
+    _checks.choice("advise.objective", how, OBJECTIVES)
+    pool = _with_longer(finalists, longest)
+    scores, upper = _measured(objective, pool, seeds)
+    safe = upper <= limit if (upper <= limit).any() else upper <= upper.min()
+    means = np.where(safe, scores.values.mean(axis=1), -np.inf)
+    top = int(means.argmax())
+    near = np.flatnonzero([safe[k] and _close(scores[k], scores[top]) for k in range(means.size)])
+    if how == "mean":
+        best = row(pool, top)
+    else:
+        best = row(pool, int(near[_worst(objective, take(pool, near), seeds).argmax()]))
+    others = take(pool, near)
+    kept: tuple[str, ...] = ()
+    if how == "robust":
+        best, kept = _least_change(objective, best, current, names, limit, seeds)
+    return Chosen(best, row(pool, top), bool(upper.min() <= limit), kept, others)
+
+
+def _close(scores: Scores, best: Scores) -> bool:
+    """Whether a mean lies within a hundredth of the best, or cannot be told from it."""
+    gap = (scores - best).mean().given
+    return gap.mean >= -_CLOSE * float(best.values.mean()) or gap.high >= 0.0
+
+
+def _measured(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[Scores, np.ndarray]:
+    """Scores, and the upper end of each collision share."""
+    runs = objective.runs(designs, seeds)
+    scores = objective.judged(runs)
+    return scores, np.array([share(hits, scores.units).high for hits in runs["collided"].values])
+
+
+def _worst(objective: Objective, designs: Design, seeds: Sequence[int]) -> np.ndarray:
+    """The smallest mean QoC of each design over the changes."""
+    changed = worse(objective, float(np.asarray(designs.tau)[0])).values()
+    return np.min([on_network(objective, other, designs, seeds)[1].values.mean(axis=1) for other in changed], axis=0)
+
+
+def _with_longer(finalists: Design, longest: float) -> Design:
+    """The finalists, and the gains of the first at longer deadlines."""
+    count = np.size(finalists.deadline)
+    parts = [finalists]
+    for k in range(min(count, _GAINS)):
+        at = float(np.asarray(finalists.deadline)[k])
+        step = 1e-3 if at < 0.05 else 5e-3  # numbers that one would set
+        axis = np.unique(np.minimum(np.round(np.ceil(np.multiply(at, _LONGER[1:]) / step) * step, 6), longest))
+        parts.append(along_deadlines(row(finalists, k), np.resize(axis, len(_LONGER) - 1)))  # of one size: one program
+    return stacked(parts)
+
+
+def _least_change(
+    objective: Objective, best: Design, current: Design, names: Sequence[str], limit: float, seeds: Sequence[int]
+) -> tuple[Design, tuple[str, ...]]:
+    """Gives gains back, one at a time, as long as neither mean nor worst QoC nor safety are told to suffer."""
+    kept: list[str] = []
+    first, base = best, _measured(objective, stacked([best] * (len(names) + 1)), seeds)[0][0]
+    floor = float(_worst(objective, stacked([best]), seeds)[0]) * (1.0 - _CLOSE)
+    while left := [name for name in names if float(getattr(best, name)) != float(getattr(current, name))]:
+        trials = [replace(best, **{name: float(getattr(current, name))}) for name in left]
+        trials += [first] * (len(names) + 1 - len(trials))  # of one size: one program
+        scores, upper = _measured(objective, stacked(trials), seeds)
+        lowest = _worst(objective, stacked(trials), seeds)
+        fine = [
+            k for k in range(len(left))
+            if (scores[k] - base).mean().given.high >= 0.0 and upper[k] <= limit and lowest[k] >= floor
+        ]  # fmt: skip
+        if not fine:
+            break
+        k = max(fine, key=lambda k: lowest[k])
+        best = trials[k]
+        kept.append(left[k])
+    return best, tuple(kept)
