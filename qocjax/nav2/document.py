@@ -9,10 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import yaml
 
-__all__ = ["Document", "Found", "Section", "Value"]
+from qocjax._reading import read_bytes, read_text
+
+__all__ = ["Document", "Found", "Section", "Value", "source_text"]
 
 Value = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
 
@@ -138,6 +141,20 @@ class Document:
             if kind != first:
                 raise self.fail(line, f"{name}: got a {kind} in a list of type {first}, which ROS's parser refuses")
         return values  # type: ignore[return-value]  # all of one type
+
+
+def source_text(source: str | Path) -> tuple[str, str, bool]:
+    """Text with line feeds alone, its name for messages, and whether lines ended as on Windows.
+
+    Args:
+        source: A path, or the text of a file, which has more than one line or nothing.
+
+    Raises:
+        ValueError: It cannot be read; one line that names it.
+    """
+    if isinstance(source, str) and ("\n" in source or not source):
+        return source.replace("\r\n", "\n"), "nav2_params.yaml", "\r\n" in source
+    return read_text(source), str(source), b"\r\n" in read_bytes(source)
 
 
 def _scalar(node: yaml.ScalarNode) -> bool | int | float | str:

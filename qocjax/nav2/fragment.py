@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from qocjax._reading import read_text
 from qocjax.nav2.advised import Set, advised, setting
-from qocjax.nav2.document import Document
+from qocjax.nav2.document import Document, source_text
 from qocjax.nav2.known import MPPI
 from qocjax.nav2.read import NavParams, params_of
 from qocjax.nav2.write import Change, decimal, merged
@@ -38,8 +37,7 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None) ->
     if source is None:
         changes = advised(best)
         return f"{_head(advice, best)}\n{merged('', changes).lstrip()}\n{_notes(advice, best, None, changes)}"
-    name, text = ("nav2_params.yaml", str(source)) if "\n" in str(source) else (str(source), read_text(source))
-    text, ends = text.replace("\r\n", "\n"), "\r\n" in text
+    text, name, windows = source_text(source)
     if text.startswith("# From qocjax.advise"):  # its own file from before: the notes are written anew
         text = text.split("\n\n", 1)[-1]
     if _BEGIN in text and _END in text.split(_BEGIN, 1)[1]:
@@ -49,7 +47,7 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None) ->
     changes = advised(best, params)
     body = merged(text if "\n" in text else text + "\n", changes, params.namespace).rstrip("\n")
     whole = f"{_head(advice, best)}\n{body}\n\n{_notes(advice, best, params, changes)}"
-    return whole.replace("\n", "\r\n") if ends else whole
+    return whole.replace("\n", "\r\n") if windows else whole
 
 
 def _head(advice: Advice, best: Set) -> str:
@@ -67,7 +65,7 @@ def _notes(advice: Advice, best: Set, params: NavParams | None, changes: Sequenc
     parts = [
         _WHERE.format(hold=decimal(best.hold)), _delay(best, params, changes), _QOS.format(
             lifespan=round(best.deadline * 1e9), gap=gap, gap_ns=gap * 1_000_000, run=advice.character["p99_miss_run"]),
-        _REST.format(deadline=1e3 * best.deadline, gains=gains), *_of_file(best, params),
+        _REST.format(deadline=1e3 * best.deadline, gains=gains), *_of_file(best, params, changes),
     ]  # fmt: skip
     return "\n".join([_BEGIN, *(part.strip("\n") for part in parts if part), _END, ""])
 
@@ -79,17 +77,19 @@ def _delay(best: Set, params: NavParams | None, changes: Sequence[Change]) -> st
     return _DELAY.format(delay=decimal(best.delay)) if mppi and not is_set else ""
 
 
-def _of_file(best: Set, params: NavParams | None) -> list[str]:
+def _of_file(best: Set, params: NavParams | None, changes: Sequence[Change]) -> list[str]:
     """On the user's file: caps that stay, what is unknown, what Nav2 would refuse."""
     if params is None:
         return []
-    slower = [f"#   {name} stays at {own:.4g} {unit}, where {cap:.4g} is advised: no robot is made faster."
+    slower = [f"#   {name} stays at {own:.4g} {unit}, where {cap:.4g} is advised."
               for name, own, cap, unit in (("speed", params.v_max, best.v_max, "m/s"),
                                            ("turn rate", params.omega_max, best.omega_max, "rad/s"))
               if own is not None and own < cap]  # fmt: skip
+    set_now = {f" {each.name} is " for each in changes}
+    refused = [each for each in params.remarks if not any(name in each for name in set_now)]
     unknown = [f"#   left alone: {each}" for each in params.unknown]
-    lines = [*slower, *unknown, *(f"#   {each}" for each in params.remarks)]
-    return ["# This file:\n" + "\n".join(lines).replace("\t", " ")] if lines else []
+    lines = [*slower, *unknown, *(f"#   {each}" for each in refused)]
+    return ["\n".join(["# This file:", *(" ".join(line.splitlines()) for line in lines)])] if lines else []
 
 
 _WHERE = """

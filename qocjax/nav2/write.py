@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Sequence
@@ -10,8 +11,7 @@ from pathlib import Path
 
 import yaml
 
-from qocjax._reading import read_text
-from qocjax.nav2.document import Document, Found, Section, Value
+from qocjax.nav2.document import Document, Found, Section, Value, source_text
 
 __all__ = ["Change", "decimal", "merged"]
 
@@ -46,19 +46,18 @@ def merged(source: str | Path, changes: Sequence[Change], namespace: tuple[str, 
     Raises:
         ValueError: The file cannot be read, or ROS's parser would refuse it; one line with file and line.
     """
-    is_text = isinstance(source, str) and ("\n" in source or not source)
-    raw, name = (str(source), "nav2_params.yaml") if is_text else (read_text(source), str(source))
-    text = raw.replace("\r\n", "\n")
+    text, name, windows = source_text(source)
+    was_there = bool(text)
     for change in changes:
         document = Document(text, name)
         spaces = document.namespaces("controller_server")
         space = namespace if namespace is not None else spaces[0] if spaces else ()
         found = document.find(space, change.node, change.name)
         if found is None:
-            text = _added(document, space, change, bool(raw))
+            text = _added(document, space, change, was_there)
         elif not _same(found.value, change.value):
             text = _changed(document, found, change)
-    return text.replace("\n", "\r\n") if "\r\n" in raw else text
+    return text.replace("\n", "\r\n") if windows else text
 
 
 def decimal(value: float, digits: int = 10) -> str:
@@ -80,7 +79,7 @@ def _plain(value: Value) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+        return json.dumps(value, ensure_ascii=False)
     return decimal(value) if isinstance(value, float) else str(value)
 
 
