@@ -280,8 +280,15 @@ def test_a_default_in_the_table_is_of_its_type() -> None:
     assert len({(each.node, each.plugin, each.name) for each in facts()}) == len(facts())
 
 
+def test_the_document_has_the_whole_table() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "nav2.md").read_text(encoding="utf-8")
+    for each in facts():
+        row = f"| {each.node} | {each.plugin.rsplit('::', 1)[-1]} | `{each.name}` | {each.type} |"
+        assert any(line.startswith(row) and line.endswith(f" | {each.meaning} |") for line in text.split("\n")), row
+
+
 def test_merged_adds_what_is_missing_where_it_belongs() -> None:
-    changes = [Change("velocity_smoother", "feedback", "OPEN_LOOP", "why"), Change("collision_monitor", "a.b", 2.0, "w"),
+    changes = [Change("velocity_smoother", "feedback", "OPEN_LOOP", "w"), Change("collision_monitor", "a.b", 2.0, "w"),
                Change("controller_server", "Dock.speed", 1.0, "w")]  # fmt: skip
     found = leaves(yaml.safe_load(text := merged(FILE, changes)))
     assert found["velocity_smoother.ros__parameters.feedback"] == "OPEN_LOOP"
