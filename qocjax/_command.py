@@ -23,6 +23,7 @@ from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
 from qocjax.config import conf_dir
 from qocjax.config.part import Part
+from qocjax.nav2.command_line import with_nav2
 from qocjax.store.study_folder import read_identity
 
 __all__ = ["command", "given_options", "output_dir", "printed_unit", "resumed"]
@@ -34,7 +35,7 @@ _LONGEST = 2000  # letters of an error
 
 
 def command(
-    name: str, short: dict[str, tuple[str, str]] | None = None
+    name: str, short: dict[str, tuple[str, str]] | None = None, nav2: bool = False
 ) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
     """Makes a function of a configuration a Hydra command line with the primary configuration `conf/<name>.yaml`.
 
@@ -42,6 +43,7 @@ def command(
         name: Of the configuration.
         short: Options that stand for two others: `path=FILE` for one that is given as it is, and one that takes the
             value, such as `{"path": ("network=trace", "network.path")}`.
+        nav2: Whether it takes `nav2=FILE`, a file of Nav2's parameters that stands for options.
     """
 
     def wrap(main: Callable[[DictConfig], None]) -> Callable[[], None]:
@@ -64,9 +66,13 @@ def command(
             _set_up_jax()
             OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
             register_help()
-            sys.argv[1:] = quoted_options(_expanded(sys.argv[1:], short or {}))
+            arguments = _expanded(sys.argv[1:], short or {})
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:
+                if nav2:
+                    arguments, notes = with_nav2(arguments)
+                    print("".join(f"note: {text}\n" for text in notes), end="", file=sys.stderr)
+                sys.argv[1:] = quoted_options(arguments)
                 _check_help(sys.argv[1:])
                 run()
             except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:

@@ -49,7 +49,9 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
     )  # fmt: skip
     if folder is not None:
         write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(advice_values(advice) | provenance())))
-        write_text(folder / "nav2_params.yaml", nav2_text(advice, config.loop.build()))
+        write_text(
+            folder / "nav2_params.yaml", nav2_text(advice, config.loop.build(), config.nav2 and Path(config.nav2))
+        )
         write_config(folder, config.model_dump())
         write_table(folder / "curve", advice.curve)
         if advice.slack is not None:
@@ -98,7 +100,7 @@ def _draw(advice: Advice, folder: Path) -> None:
     save(sensitivity_bars(advice.elasticities, advice.sobol), folder / "sensitivity")
 
 
-@command("advise", short={"path": ("network=trace", "network.path")})
+@command("advise", short={"path": ("network=trace", "network.path")}, nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(AdviseConfig, cfg)

@@ -72,9 +72,7 @@ def comparison_text(table: pd.DataFrame) -> str:
             "study": table["study"],
             "value": table["value"].map("{:g}".format),
             "Δ (ms)": (table["deadline"] * 1e3).map("{:g}".format),
-            "QoC ± SE (with J_med's)": [
-                f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})" for r in table.itertuples()
-            ],
+            "QoC ± SE (J_med's)": [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})" for r in table.itertuples()],
             f"difference to {first} [95 %]": [_difference(row) for row in table.to_dict("records")],
             "collide [95 %]": [collisions_text(row) for row in table.itertuples()],
         }

@@ -64,7 +64,7 @@ def text(study: QosStudy, shown: tuple[float, float]) -> str:
         {
             "profile": rows["profile"],
             "best Δ (ms)": (rows["deadline"] * 1e3).map("{:g}".format),
-            "QoC ± SE (with J_med's)": [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})"
+            "QoC ± SE (J_med's)": [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})"
                                         for r in rows.itertuples()],
             "difference [95 %]": [_interval(r) if k else "" for k, r in enumerate(rows.itertuples())],
             "lost": rows["lost"].map("{:.2%}".format),

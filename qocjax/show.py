@@ -130,7 +130,7 @@ def report(shown: Shown) -> str:
     return "\n".join(lines)
 
 
-@command("show")
+@command("show", nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config, folder = load(ShowConfig, cfg), output_dir()

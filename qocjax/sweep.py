@@ -186,7 +186,7 @@ def _stretches(study: Study) -> dict[str, list[int]]:
     return {name: units_in(runs).tolist() for name, runs in parts.items() if "stretch" in runs.coords}
 
 
-@command("sweep")
+@command("sweep", nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     folder = output_dir()

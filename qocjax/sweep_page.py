@@ -53,7 +53,7 @@ def policy_text(policies: pd.DataFrame) -> str:
             "value": policies["value"].map("{:g}".format) + stars[0],
             "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format) + stars[1],
             "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
-            "QoC ± SE (with J_med's)": [
+            "QoC ± SE (J_med's)": [
                 f"{text} ({error:.4f})"
                 for text, error in zip(_plus_minus(policies, "qoc", 4), policies["qoc_whole_se"], strict=True)
             ],
@@ -75,7 +75,8 @@ def policy_text(policies: pd.DataFrame) -> str:
 
 def collisions_text(row: Any) -> str:
     """Share of runs with a collision; `!` where its upper limit breaks what is allowed."""
-    text = f"{row.collision_share:.1%} [{row.collision_low:.1%}, {row.collision_high:.1%}]"
+    low, high = (f"{100 * end:.{1 if end < 0.1 else 0}f}" for end in (row.collision_low, row.collision_high))
+    text = f"{row.collision_share:.1%} [{low}, {high}]"
     return text + (" " if row.within_limit else "!")
 
 

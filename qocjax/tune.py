@@ -94,7 +94,7 @@ def design_text(tuning: Tuning) -> str:
         "F(Δ)": [*map(share_text, best["reliability"], best["reliability_se"])],
     }
     shown |= {name: best[name].map("{:.3g}".format) for name in tuning.problem.bounds.names}
-    shown["QoC ± SE (with J_med's)"] = [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})"
+    shown["QoC ± SE (J_med's)"] = [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})"
                                         for r in best.itertuples()]  # fmt: skip
     shown["gain over the baseline [95 %]"] = [
         f"{row.gain:+.4f} [{row.gain_low:+.4f}, {row.gain_high:+.4f}]" for row in best.itertuples()

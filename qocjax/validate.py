@@ -192,7 +192,7 @@ def report(outcome: Outcome) -> str:
     return page(outcome.validation, outcome.points, outcome.fit, outcome.judged)
 
 
-@command("validate")
+@command("validate", nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(ValidateConfig, cfg)

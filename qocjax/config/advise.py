@@ -53,6 +53,7 @@ class AdviseConfig(SimulationConfig):
     """Everything that `python -m qocjax.advise` reads."""
 
     path: str | None
+    nav2: str | None
     advise: AdviseOptions
     figures: bool
 

@@ -166,7 +166,7 @@ class FleetConfig(Part):
                 "j_med": None if scale is None else scale.median, "j_max": None if scale is None else scale.largest,
                 "j_max_of": "still", "scale": None,
             },
-            "max_collision_share": options.max_collision_share,
+            "max_collision_share": options.max_collision_share, "nav2": None,
             "figures": False, "report": False, "arrays": False, "resume": None,
         })  # fmt: skip
 

@@ -33,6 +33,7 @@ class ShowConfig(SimulationConfig):
     """Everything that `python -m qocjax.show` reads."""
 
     show: ShowOptions
+    nav2: str | None
     figures: bool
 
     def build_design(self) -> Design:

@@ -19,7 +19,7 @@ from qocjax.study.grid import Grid, one_at_a_time
 __all__ = ["FREE", "StudyConfig", "SweptConfig", "build_problem", "data_of"]
 
 # Options that change nothing in the results, so that a study may go on with others.
-FREE = ("engine", "figures", "report", "arrays", "resume")
+FREE = ("engine", "figures", "report", "arrays", "resume", "nav2")
 
 
 class SweepConfig(Part):
@@ -66,6 +66,7 @@ class SweptConfig(SimulationConfig):
 class StudyConfig(SweptConfig):
     """Everything that `python -m qocjax.sweep` reads."""
 
+    nav2: str | None
     max_collision_share: Annotated[float, Field(ge=0, le=1)] | None
     report: bool
     arrays: bool

@@ -106,6 +106,7 @@ class ValidateConfig(SimulationConfig):
     measured: Annotated[StackConfig | SurrogateConfig | CsvConfig | RecordedConfig, Field(discriminator="kind")]
     validation: ValidationOptions
     calibrate: CalibrateConfig | None = None
+    nav2: str | None
     figures: bool
 
     def delays(self) -> np.ndarray | None:

@@ -20,7 +20,7 @@ _SHAPES = {
 _WIDTH = 110  # of the small picture of an interval
 _HEADS = (
     "Sweep", "Policy", "Value", "Δ&nbsp;(ms)", "<i>F</i>(Δ)", "QoC ± SE", "95 % interval",
-    "Difference to Co-design [95 %]", "AUC ± SE (s)", "QoC when chosen", "Runs too close [95 %]", "Closest (m)",
+    "Difference to Co-design [95 %]", "AUC ± SE (s)", "QoC when chosen", "Runs too close",
 )  # fmt: skip
 
 
@@ -126,8 +126,10 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
     gap = "" if policy == "Co-design" or pd.isna(row["qoc"]) else (
         f"{signed(row['difference'])} {interval(row['difference_low'], row['difference_high'])}"
     )  # fmt: skip
-    close = _share(pd.Series(row))
+    close = f"{percent(row['collision_share'])}"
     close = close if row["within_limit"] else f'<strong class="warn">{close}</strong>'
+    close += (f'<br><small>{percent(row["collision_low"])} to {percent(row["collision_high"])}<br>closest '
+              f"{number(row['min_distance'], '.2f')} m</small>")  # fmt: skip
     if pd.isna(row["qoc"]):
         gap = f'<span class="warn">{escape(row.get("error") or "no design")}</span>'
     edges = {end.split()[-1]: f'<abbr title="{escape(end)} of those tried">*</abbr>'
@@ -138,7 +140,7 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
         name, f"{mark(policy)} {escape(policy)}", value, deadline,
         share_text(row["reliability"], row["reliability_se"]), plus_minus(row["qoc"], row["qoc_se"]),
         _picture(row, low, high), gap, plus_minus(row["auc"], row["auc_se"], ".3f"),
-        number(row["qoc_selection"], ".4f"), close, number(row["min_distance"], ".2f"),
+        number(row["qoc_selection"], ".4f"), close,
     )  # fmt: skip
     parts = [
         f'<{"th scope=row" if k == 1 else "td"} data-label="{_plain_head(head)}"{" class=empty" if not cell else ""}>'

@@ -103,12 +103,13 @@ def policy_runs(
         controller: As of the study; of a costly one the first sweep only is run again.
 
     Returns:
-        The sweeps whose best choice keeps the limit on collisions first, then by its QoC; the policies of each in
-        their order. Without what found no design.
+        The sweeps whose best choice keeps the limit on collisions first, of these the ones without any, then by its
+        QoC; the policies of each in their order. Without what found no design.
     """
     found = study.policies[study.policies["qoc"].notna()]
     joint = found[found["policy"] == "Co-design"]
-    order = {"collision_share": ~joint["within_limit"].astype(bool), "qoc": -joint["qoc"]}
+    unsafe = ~joint["within_limit"].astype(bool)
+    order = {"collision_share": 2 * unsafe + (joint["collision_share"] > 0), "qoc": -joint["qoc"]}
     most = _MOST_STEPS if controller is None or not controller.costly else 0
     chosen: list[tuple[dict[str, Any], Design]] = []
     for sweep in joint.assign(**order).sort_values(["collision_share", "qoc"], kind="stable")["sweep"]:
