@@ -137,7 +137,8 @@ def summary(found: Codesign, measure: str = "mean") -> str:
     )  # fmt: skip
     rows = pd.concat([contest.finals, policies], ignore_index=True)
     table[f"{name} [95 %]"] = [f"{r.score:.4f} [{r.score_low:.4f}, {r.score_high:.4f}]" for r in rows.itertuples()]
-    table["collisions"] = rows["collision_share"].map("{:.1%}".format)
+    table["collisions [95 %]"] = [f"{r.collision_share:.1%} [{r.collision_low:.1%}, {r.collision_high:.1%}]"
+                                  for r in rows.itertuples()]  # fmt: skip
     for parameter in ("v_max", "eta", "kappa", "gamma", "c_miss", "tau"):
         table[parameter] = rows[parameter].map("{:.3g}".format)
     table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)
@@ -159,17 +160,35 @@ def summary(found: Codesign, measure: str = "mean") -> str:
             lines.append(
                 f"Against the best one-at-a-time design ({first['policy']}, sweep of {first['sweep']}): "
                 f"{best['difference']:+.4f} [{best['difference_low']:+.4f}, {best['difference_high']:+.4f}] {name}, "
-                f"after {best['simulations']} simulations instead of {first['simulations']}"
+                f"the best of {len(contest.finals)} searches ({int(contest.finals['simulations'].sum())} simulations); "
+                f"the sweeps took {first['simulations']}"
             )
         else:
             lines.append("No one-at-a-time design of the policies keeps the limits.")
-        others = len(contest.ties) - 1
-        lines.append("No other design that was looked at ties with it on these seeds." if others < 1 else
-                     f"{others} other design{'s' if others > 1 else ''} cannot be told from it on these seeds "
-                     "(ties.csv).")  # fmt: skip
+        lines += _tie_text(contest.ties)
         if text := bounds_text(best["at_edge"]):
             lines.append(text)
     return "\n".join(lines)
+
+
+def _tie_text(ties: pd.DataFrame) -> list[str]:
+    """Which of the finalists the fresh seeds cannot tell from the chosen one, and which they find better."""
+    better, others = int(ties["better"].sum()), len(ties) - 1 - int(ties["better"].sum())
+    lines = []
+    if better:
+        are = "is" if better == 1 else "are"
+        lines = [f"{better} of the finalists {are} better on the fresh seeds, which those of the choice did not show "
+                 "(ties.csv)."]  # fmt: skip
+    if others:
+        return [*lines, f"{others} other finalist{'s' if others > 1 else ''} cannot be told from it (ties.csv)."]
+    return lines or ["No other finalist ties with it on these seeds."]
+
+
+def limits_text(config: CodesignConfig) -> str:
+    """The limits in force, in a line."""
+    limits = {name: value for name, value in config.limits.model_dump().items() if value is not None}
+    text = ", ".join(f"{name} {value:g}" for name, value in limits.items())
+    return f"Limits: {text} (shares by their estimates on the judging seeds)." if text else "No limits are set."
 
 
 def capacity_text(found: Codesign, config: CodesignConfig) -> str:
@@ -214,7 +233,7 @@ def main(cfg: DictConfig) -> None:
     folder = output_dir()
     found = run(config, folder)
     print(summary(found, config.search.measure))
-    print(f"\n{capacity_text(found, config)}")
+    print(f"\n{limits_text(config)}\n{capacity_text(found, config)}")
     best = found.contest.chosen
     if text := trace_remark(config.build_network(), best["deadline"], config.scenario.horizon, best["tau"]):
         print(f"note: {text}")

@@ -99,7 +99,8 @@ def design_text(tuning: Tuning) -> str:
     shown["gain over the baseline [95 %]"] = [
         f"{row.gain:+.4f} [{row.gain_low:+.4f}, {row.gain_high:+.4f}]" for row in best.itertuples()
     ]
-    shown[""] = ["Co-design" if c else "tied" if t else "" for c, t in zip(best["chosen"], best["tied"], strict=True)]
+    shown[""] = ["Co-design" if row.chosen else "tied" if row.tied else "better here" if row.better else ""
+                 for row in best.itertuples()]  # fmt: skip
     return pd.DataFrame(shown).to_string(index=False)
 
 

@@ -22,6 +22,7 @@ from qocjax.recorded import find_runs, read_run
 from qocjax.scenario import num_ticks
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.reliability import load_of
+from qocjax.study.units import trace_remark
 from qocjax.study.validation import (
     Curve,
     Fit,
@@ -197,7 +198,11 @@ def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(ValidateConfig, cfg)
     folder = output_dir()
-    print(report(run(config, folder)))
+    outcome = run(config, folder)
+    print(report(outcome))
+    network, delays = config.build_network(), outcome.validation.simulated.delays
+    if text := trace_remark(network, delays, config.scenario.horizon, config.loop.tau):
+        print(f"note: {text}")
     print(f"\nTables, figures and the record are in {folder}")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from qocjax._command import printed_unit
+from qocjax.study.edges import bounds_text
 from qocjax.study.validation import Curve, Fit, Judged, Validation
 
 __all__ = ["page"]
@@ -36,7 +37,11 @@ def page(
     for row in found.agreement_table.itertuples():
         ends = "" if np.isnan(row.low) else f"  [{row.low:.3g}, {row.high:.3g}]"
         lines.append(f"  {names[str(row.measure)]:<30} {row.value:.3g}{ends}")
-    lines += ["", _regime_text(found.regime_table)]
+    lines += [
+        "",
+        _regime_text(found.regime_table),
+        "The first and the last of the delays compared set the scale and where the regimes end.",
+    ]
     if fitted is not None and judged is not None:
         lines += ["", *_fit_lines(fitted, judged)]
     return "\n".join(lines)
@@ -74,7 +79,8 @@ def _fit_lines(fitted: Fit, judged: Judged) -> list[str]:
              for name in ("rmse_before", "rmse_after", "gain", "worst_left")}  # fmt: skip
     return [
         f"Fitted on half of the runs: {gains}",
+        *([bounds_text(fitted.at_edge)] if fitted.at_edge else []),
         f"On the other half: RMSE {texts['rmse_before']} before, {texts['rmse_after']} after; less by {texts['gain']}.",
         f"What is left is largest at {1e3 * judged.curve.loc[judged.curve['left'].abs().idxmax(), 'delay']:g} ms: "
-        f"S - E = {texts['worst_left']} (of 100).",
+        f"S - E = {texts['worst_left']} (of 100; the interval holds at all delays at once).",
     ]

@@ -374,7 +374,9 @@ def test_the_command_writes_what_it_says(composer: None, tmp_path: Path) -> None
     text = summary(found)
     assert "Against the best one-at-a-time design" in text and "nan" not in text.lower()
     assert f"{found.contest.chosen['difference']:+.4f}" in text
-    assert f"instead of {policies['simulations'].iloc[0]}" in text
+    assert f"the sweeps took {policies['simulations'].iloc[0]}" in text
+    spent = found.contest.finals["simulations"]
+    assert f"the best of {len(spent)} searches ({spent.sum()} simulations)" in text
 
 
 def test_the_command_says_that_a_problem_is_infeasible(composer: None) -> None:

@@ -214,7 +214,7 @@ def test_wheel_holds_configuration_tables_and_licence(wheel: Path) -> None:
     wanted |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "qocjax").rglob("*.py")}
     wanted |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "qocjax" / "report" / "assets").iterdir()}
     wanted |= {"qocjax/py.typed", "qocjax/network/tables/kth_5g.csv", "qocjax/network/tables/README.md"}
-    wanted |= {"qocjax/study/tables/choices.csv", "qocjax/config/scales/paper.yaml"}
+    wanted |= {"qocjax/nav2/facts.csv", "qocjax/study/tables/choices.csv", "qocjax/config/scales/paper.yaml"}
     assert {name for name in names if name.startswith("qocjax/")} == wanted
     assert any(name.endswith("licenses/LICENSE") for name in names)
 
@@ -246,7 +246,16 @@ def test_policies_come_out_in_order(study: tuple[subprocess.CompletedProcess[str
     other = table[table["policy"] != "Co-design"]
     best = table[table["policy"] == "Co-design"].set_index("sweep")["qoc"]
     assert (other["qoc"].to_numpy() <= best[other["sweep"]].to_numpy()).all()
-    assert (other["difference_high"] < 0).all()
+    free = table[table["policy"] == "Co-design"].set_index("sweep")["unconstrained_qoc"]
+    assert (other["unconstrained_qoc"].to_numpy() < free[other["sweep"]].to_numpy()).all()
+    assert (other.loc[other["sweep"] != "eta", "difference_high"] < 0).all()
+    # With eta = 0 robots run into each other, and QoC alone would choose it; so the limit on collisions decides.
+    eta = table[table["sweep"] == "eta"].set_index("policy")
+    assert eta.loc["Co-design", "value"] > 0 and eta.loc["Co-design", "within_limit"]
+    assert (
+        eta.loc["Co-design", "unconstrained_value"] == 0 and eta.loc["Co-design", "unconstrained_collision_share"] > 0.5
+    )
+    assert not eta.loc["MaxRel", "within_limit"]
     differences = other["qoc"].to_numpy() - best[other["sweep"]].to_numpy()
     np.testing.assert_allclose(other["difference"], differences, atol=1e-8)
     assert (table["qoc_low"] < table["qoc"]).all() and (table["qoc"] < table["qoc_high"]).all()

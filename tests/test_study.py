@@ -159,7 +159,8 @@ def test_the_table_of_a_terminal_has_auc_and_collisions_in_120_columns(study: St
     lines = policy_text(study.policies).splitlines()
     assert max(map(len, lines)) < 120
     for line, row in zip(lines[1:], study.policies.to_dict("records"), strict=False):
-        assert f"{row['auc']:.3f} ± {row['auc_se']:.3f}" in line and line.endswith(f"{row['collision_share']:.1%}")
+        assert f"{row['auc']:.3f} ± {row['auc_se']:.3f}" in line
+        assert f" {row['collision_share']:.1%} [" in line and line.rstrip().endswith("]")
         assert ("*" in line) == bool(row["at_edge"])
 
 

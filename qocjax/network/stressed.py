@@ -18,6 +18,8 @@ from qocjax.network.edge_network import EdgeNetwork, Path
 from qocjax.network.interface import Contended, Load, Network, Reliability, Serve, SharedNetwork
 from qocjax.network.trace import Trace
 
+_COPY = 7919  # small numbers fold into the keys that a split gives
+
 __all__ = ["Lossier", "SlowCompute", "Stressed", "with_lost_twice", "with_slow_compute"]
 
 
@@ -161,7 +163,7 @@ class Lossier(SlowCompute):
 
     def draw_parts(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
         """Those of the path and of its copy."""
-        own, copy = key, jax.random.fold_in(key, 1)
+        own, copy = key, jax.random.fold_in(key, _COPY)
         return tuple(self.path.draw_parts(each, num_ticks, num_robots, tau) for each in (own, copy))
 
     def through(self, parts: Any, serve: Serve, tau: Array | float) -> Array:

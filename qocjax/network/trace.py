@@ -23,7 +23,8 @@ from qocjax.network.interface import Load, Reliability, exactly
 __all__ = ["Trace", "faster_than_measured"]
 
 _STRETCHES = (16, 8, 4)  # each number's stretches are unions of those of the one before; fewer say nothing of a network
-_LENGTH = 5.0  # correlation lengths in a stretch
+_COPY = 7919  # small numbers fold into the keys that a split gives
+_LENGTH = 8.0  # correlation lengths in a stretch
 _RUNS = 1.6  # runs in a stretch: one that reads on into the next is not independent of it
 _NEAR = 0.97  # of the measured period; a sampling period that much shorter is the same rate
 
@@ -64,7 +65,7 @@ class Trace:
 
     def draw_again(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
         """Replays other places of the stretch that a seed takes, [P, N] s: a copy of the network at the same time."""
-        return self._replay(key, jax.random.fold_in(key, 1), self._steps(num_ticks, tau), num_robots)
+        return self._replay(key, jax.random.fold_in(key, _COPY), self._steps(num_ticks, tau), num_robots)
 
     def _replay(self, key: Array, of_robots: Array, steps: np.ndarray, num_robots: int) -> Array:
         rows = jnp.asarray(self.delays, jnp.result_type(float))

@@ -26,7 +26,7 @@ from qocjax.study.judging import judged_policies
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, min_delay
 from qocjax.study.reliability import reliability_of
-from qocjax.study.scales import largest_auc, measured_scale
+from qocjax.study.scales import LARGEST, largest_auc, measured_scale
 from qocjax.study.table import qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
 from qocjax.study.units import units_of, with_units
@@ -162,7 +162,7 @@ def study_of(
     if max_collision_share is not None:
         _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
     _checks.bounded("chunk_steps", chunk_steps, above=0)
-    j_max = largest_auc(problem.scenario, j_max_of)
+    _checks.choice("j_max_of", j_max_of, LARGEST)
     reliability = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau)
     for sweep in dict.fromkeys(grid.sweep):  # raises before anything is simulated
         shares = reliability.share[grid.design[grid.rows(sweep)]]
@@ -171,7 +171,7 @@ def study_of(
     first = run_part(problem, Part("selection", selection), *rest)
     horizon, tau = problem.scenario.horizon, problem.designs.tau
     units = [units_of(problem.network, seeds, problem.key, horizon, tau) for seeds in (selection, evaluation)]
-    scale = scale or measured_scale(lambda: _auc_parts(first), units[0], j_max)
+    scale = scale or measured_scale(lambda: _auc_parts(first), units[0], largest_auc(problem.scenario, j_max_of))
     results = results_table(first.runs, grid, reliability, scale, first.failed, units[0])
     chosen = picks(results, grid, min_reliability, max_collision_share)
     places = np.unique(grid.design[list(places_of(chosen, grid))])

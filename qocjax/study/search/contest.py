@@ -137,4 +137,7 @@ def _ties(problem: Problem, found: list[Found], place: int, seeds: range) -> pd.
     _, first = np.unique(values, axis=0, return_index=True)
     kept = np.sort(first)  # the chosen one stays in front
     judged: Judged = judge(problem, Design(*values[kept].T), seeds)
-    return judged.table[tie_set(problem, judged, 0)].reset_index(drop=True)
+    kept_rows = tie_set(problem, judged, 0)
+    gaps = [problem.measure.difference(judged.scores[k], judged.scores[0]).given for k in range(len(judged.table))]
+    table = judged.table.assign(better=[gap.low > 0.0 for gap in gaps])
+    return table[kept_rows].reset_index(drop=True)

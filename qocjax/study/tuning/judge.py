@@ -97,9 +97,10 @@ def judge(problem: Problem, free: np.ndarray, selection: np.ndarray, evaluation_
         evaluation_seeds: Fresh seeds.
 
     Returns:
-        One row per point: QoC on fresh seeds, the paired difference to the chosen one (`tied` where its interval holds
-        zero), and the paired gain over the baseline at the same deadline, each with both 95 % intervals (`_whole_` with
-        the error of J_med in it); and at which bounds of the search it lies.
+        One row per point: QoC on fresh seeds, the paired difference to the chosen one, and the paired gain over the
+        baseline at the same deadline, each with both 95 % intervals (`_whole_` with the error of J_med in it); `tied`
+        where the difference cannot be told from zero and `better` where it lies above, all points at once; and at
+        which bounds of the search it lies.
     """
     best = int(selection.mean(axis=1).argmax())
     scores, untuned = problem.judged(free, evaluation_seeds)
@@ -107,6 +108,7 @@ def judge(problem: Problem, free: np.ndarray, selection: np.ndarray, evaluation_
     rows = []
     for k, deadline in enumerate(problem.deadlines):
         gap = (scores[k] - scores[best]).mean()
+        told = (scores[k] - scores[best]).mean(1.0 - 0.05 / max(len(values) - 1, 1)).given  # all at once (Bonferroni)
         rows.append(
             {"deadline": deadline}
             | dict(zip(problem.bounds.names, values[k], strict=True))
@@ -115,7 +117,8 @@ def judge(problem: Problem, free: np.ndarray, selection: np.ndarray, evaluation_
             | gap.columns("difference")
             | (scores[k] - untuned[k]).mean().columns("gain")
             | {
-                "chosen": k == best, "tied": k == best or gap.given.low <= 0.0 <= gap.given.high,
+                "chosen": k == best, "tied": k == best or told.low <= 0.0 <= told.high,
+                "better": k != best and told.low > 0.0,
                 "seeds": scores.values.shape[1], "at_edge": problem.at_bounds(deadline, values[k]),
             }
         )  # fmt: skip

@@ -21,6 +21,7 @@ from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
+from qocjax.study.edges import at_bounds
 from qocjax.study.objective import Objective
 from qocjax.study.search import Measure, Problem, Space, find
 from qocjax.study.validation.curves import Curve, normalised
@@ -59,6 +60,7 @@ class Fit:
     method: str
     looks: int  # at a set of gains on one seed; each simulates every delay of every setting once
     rmse: float  # over the settings, where it was chosen among the best: flattered by the search
+    at_edge: str = ""  # which bounds of the search the gains lie at
 
 
 @dataclass(frozen=True)
@@ -176,4 +178,5 @@ def fit(
     known = [len(each.measured.seeds) for each in settings if each.measured.seeds is not None]
     found = find(problem, method, budget, repetition=repetition, key=key, block=min(max(known, default=8), 32))
     gains = {name: float(np.asarray(getattr(found.design, name))[0]) for name in space.bounds}
-    return Fit(replace(baseline, **gains), gains, method, found.spent, 100.0 - found.fitness)
+    return Fit(replace(baseline, **gains), gains, method, found.spent, 100.0 - found.fitness,
+               at_bounds(gains, space.bounds, {}))  # fmt: skip

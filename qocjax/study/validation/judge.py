@@ -29,7 +29,8 @@ class Judged:
         before: Agreement with the baseline's gains.
         after: Agreement with the fitted gains.
         gain: RMSE before less RMSE after, of 100, on common bootstrap samples.
-        curve: A row per delay: E and both S on the normalised scale, what is left of the difference with its interval.
+        curve: A row per delay: E and both S on the normalised scale, what is left of the difference with its interval,
+            and with one that holds at all delays at once (`left_all_`).
     """
 
     name: str
@@ -50,8 +51,10 @@ class Judged:
             found |= {f"spearman_{label}": rank.value, f"spearman_{label}_low": rank.low,
                       f"spearman_{label}_high": rank.high}  # fmt: skip
         worst = self.curve.iloc[int(self.curve["left"].abs().argmax())]
-        return found | {"worst_delay": worst["delay"], "worst_left": worst["left"], "worst_left_low": worst["left_low"],
-                        "worst_left_high": worst["left_high"], "paired": self.after.paired}  # fmt: skip
+        return found | {
+            "worst_delay": worst["delay"], "worst_left": worst["left"], "worst_left_low": worst["left_all_low"],
+            "worst_left_high": worst["left_all_high"], "paired": self.after.paired,
+        }  # fmt: skip
 
 
 def judge_gains(
@@ -97,10 +100,13 @@ def _table(setting: Setting, own: list[Curve], left: np.ndarray) -> pd.DataFrame
     e, before, after = (normalised(curve.mean) for curve in (setting.measured, *own))
     ends = [percentiles(float(value), column) for value, column in zip(after - e, left.T, strict=True)]
     half = [100.0 / np.ptp(curve.mean) * curve.half_widths() for curve in (setting.measured, own[1])]
+    spread = np.maximum(left.std(axis=0), 1e-12)  # the largest of many differences is large by chance: max-t band
+    band = spread * np.quantile(np.abs((left - (after - e)) / spread).max(axis=1), 0.95)
     return pd.DataFrame({
         "setting": setting.name, "delay": setting.measured.delays, "measured": e, "measured_half": half[0],
         "before": before, "after": after, "after_half": half[1], "left": after - e,
         "left_low": [each.low for each in ends], "left_high": [each.high for each in ends],
+        "left_all_low": after - e - band, "left_all_high": after - e + band,
     })  # fmt: skip
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from qocjax import _checks
+from qocjax.study.statistics import paired, unpaired
 from qocjax.study.validation.curves import Curve, normalised
 from qocjax.study.validation.resample import Interval, percentiles
 
@@ -39,6 +40,7 @@ class Regimes:
         rise: From the best to the last delay, on the normalised scale.
         open: Whether the curve falls by a tenth of its fall or more between its first two delays: the low-reliability
             regime then begins before the first delay.
+        told: Whether fall and rise are more than noise (`_told`).
     """
 
     first: float
@@ -48,15 +50,15 @@ class Regimes:
     fall: Interval
     rise: Interval
     open: bool
+    told: tuple[bool, bool]
 
     @property
     def spans(self) -> dict[str, tuple[float, float] | None]:
         """Begin and end of each regime (s); None for one that the curve does not show.
 
-        A regime is shown where it has a length, and the fall into the best (the rise from it) is told from 0 by the
-        interval of the bootstrap.
+        A regime is shown where it has a length, and the fall into the best (the rise from it) is told from 0.
         """
-        falls, rises = self.fall.low > 0.0, self.rise.low > 0.0
+        falls, rises = self.told
         ends = ((self.first, self.begins.value), (self.begins.value, self.best.value), (self.best.value, self.last))
         shown = (falls, falls, rises)
         return {name: pair if yes and pair[1] > pair[0] else None
@@ -83,7 +85,34 @@ def regimes(curve: Curve, drawn: ArrayLike, share: float = 0.5) -> Regimes:
     begins, best, fall, rise = (percentiles(value, each) for value, each in zip(own, found, strict=True))
     scaled = normalised(curve.mean)
     started = bool(scaled[0] - scaled[1] >= 0.1 * fall.value > 0.0)
-    return Regimes(float(curve.delays[0]), begins, best, float(curve.delays[-1]), fall, rise, started)
+    return Regimes(float(curve.delays[0]), begins, best, float(curve.delays[-1]), fall, rise, started,
+                   _told(curve, (fall.low > 0.0, rise.low > 0.0)))  # fmt: skip
+
+
+def _told(curve: Curve, otherwise: tuple[bool, bool]) -> tuple[bool, bool]:
+    """Whether the fall into the best and the rise from it are told from 0, in s.
+
+    A largest value less a smallest one is above 0 in pure noise too. So every other repetition says which delays are
+    the highest before the best, and the best; the others are asked for the difference. With fewer than four
+    repetitions at some delay the intervals of the bootstrap have to do.
+    """
+    if curve.repetitions.min() < 4:
+        return otherwise
+    chooses = np.array([each[::2].mean() for each in curve.values])
+    best = int(chooses.argmin())
+    high = int(chooses[: best + 1].argmax())
+    return _above(curve, high, best), _above(curve, len(curve.values) - 1, best)
+
+
+def _above(curve: Curve, one: int, other: int) -> bool:
+    """Whether the mean at one delay is above that at another, on every other repetition."""
+    if one == other:
+        return False
+    a, b = (curve.values[k][1::2] for k in (one, other))
+    if curve.seeds is None:
+        return unpaired(a, b).low > 0.0
+    units = None if curve.units is None else np.array(curve.units)[1::2]
+    return paired(a, b, units=units if units is not None and np.unique(units).size > 1 else None).low > 0.0
 
 
 def boundaries(delays: ArrayLike, curves: ArrayLike, share: float = 0.5) -> tuple[Array, Array, Array, Array]:
