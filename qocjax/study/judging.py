@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,16 +17,43 @@ from qocjax.study.parts import PartRuns
 from qocjax.study.scores import Scores
 from qocjax.study.statistics import Estimate, estimate, share
 
-__all__ = ["judged_policies"]
+__all__ = ["judged_policies", "settled"]
 
 _FREE = ("value", "deadline", "qoc", "qoc_se", "collision_share")
 _NOTHING = Estimate(np.nan, np.nan, np.nan, np.nan)
 
 
+def settled(
+    chosen: Sequence[Pick], grid: Grid, evaluation: PartRuns, units: np.ndarray, limit: float | None
+) -> list[Pick]:
+    """The choices after a look at fresh seeds: MinDelay and MaxRel take no other design for nothing.
+
+    Where fresh seeds do not bear out that their choice keeps the limit on collisions, they are what they are in the
+    paper, without a limit. Co-design keeps what it chose: it is the nearest to a recommendation that there is.
+
+    Args:
+        chosen: From `picks`.
+        grid: Rows of the results.
+        evaluation: Runs of the designs of `places_of`, in its order.
+        units: [S] Labels of the fresh seeds, see `units_of`.
+        limit: Largest share of runs with a collision; None for none.
+    """
+    if limit is None:
+        return list(chosen)
+    places = places_of(chosen, grid)
+    hits = evaluation.runs["collided"].values
+    found = []
+    for pick in chosen:
+        borne_out = pick.kept and share(hits[places[pick.row]], units).high <= limit  # type: ignore[index]
+        back = not borne_out and pick.policy != "Co-design"
+        found.append(pick._replace(row=pick.free, kept=False) if back else pick)
+    return found
+
+
 def judged_policies(
     results: pd.DataFrame,
-    grid: Grid,
     chosen: Sequence[Pick],
+    places: Mapping[int, int],
     evaluation: PartRuns,
     scale: QocScale,
     units: np.ndarray,
@@ -36,9 +63,9 @@ def judged_policies(
 
     Args:
         results: On the seeds of the choice.
-        grid: Its rows.
-        chosen: From `picks`.
-        evaluation: Runs of the designs of `places_of`, in its order.
+        chosen: From `settled`.
+        places: Place of each chosen row among the runs, from `places_of`.
+        evaluation: Runs of the judged designs.
         scale: Of the QoC.
         units: [S] Labels of the fresh seeds, see `units_of`.
         limit: Largest share of runs with a collision; None for none.
@@ -48,7 +75,6 @@ def judged_policies(
         their 95 % intervals; `within_limit`, whether even the upper end of the collision share keeps the limit; and
         with `unconstrained_`, what the policy takes without it.
     """
-    places = places_of(chosen, grid)
     shown = _Shown(evaluation, Scores.of(_auc(evaluation), scale, units))
     base = {pick.sweep: pick.row for pick in chosen if pick.policy == "Co-design"}
     table = []
