@@ -105,8 +105,9 @@ def summary() -> pd.DataFrame:
     rows = []
     for path in sorted(RESULTS.glob("*.yaml")):
         a = yaml.safe_load(path.read_text(encoding="utf-8"))
-        best, loop, (now, deadline_only, then) = a["recommended"], a["loop"], a["judged"]
+        best, loop, (now, deadline_only, by_mean, then) = a["recommended"], a["loop"], a["judged"]
         stress = {row["what"]: row for row in a["stress"]}
+        changed = [row for row in a["stress"][1:] if row["current_qoc"] is not None]
         rows.append(
             {
                 "network": path.stem, "p50_ms": loop["percentiles_ms"]["p50"], "p99_ms": loop["percentiles_ms"]["p99"],
@@ -120,9 +121,12 @@ def summary() -> pd.DataFrame:
                 **{f"margin_{end}_ms": 1e3 * a["margin"][end]["value"] for end in ("low", "high")},
                 **{f"current_margin_{end}_ms": 1e3 * a["current_margin"][end]["value"] for end in ("low", "high")},
                 "growth": a["growth"]["value"], "deadline_x15": stress["as it is, deadline x 1.5"]["change"],
-                "delay_x15": stress["delay x 1.5, deadline kept"]["change"],
-                "delay_and_deadline_x15": stress["delay x 1.5, deadline x 1.5"]["change"],
-                "misses_x2": stress["missed loops x 2"]["change"],
+                "delay_x15": stress["all loop times x 1.5"]["change"],
+                "delay_and_deadline_x15": stress["all loop times x 1.5, deadline x 1.5"]["change"],
+                "deadline_by_mean_ms": 1e3 * by_mean["deadline"], "cost": by_mean["beyond"],
+                **{f"worst_{name}qoc": min(row[f"{name}qoc"] for row in changed)
+                   for name in ("", "by_mean_", "current_")},
+                "verdict": a["verdict"], "acceptable": a["acceptable"], "kept": " ".join(a["kept_as_they_were"]),
                 "current_policy": a["current_policy"], "ties": len(a["ties"]) - 1,
             }
         )  # fmt: skip

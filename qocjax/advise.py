@@ -90,7 +90,15 @@ def _draw(advice: Advice, folder: Path) -> None:
     ]
     deadlines = (float(np.asarray(advice.recommended.deadline)), float(np.asarray(advice.current.deadline)))
     save(
-        advice_figure(advice.curve, advice.judged, advice.stress, (margin[0], margin[1]), deadlines), folder / "advice"
+        advice_figure(
+            advice.curve,
+            advice.judged,
+            advice.stress,
+            (margin[0], margin[1]),
+            deadlines,
+            limit=advice.max_collision_share,
+        ),
+        folder / "advice",
     )
     if advice.slack is not None:
         points = {name: (at, share) for name, at, share in advice.policies}

@@ -213,7 +213,7 @@ def test_loops_may_grow_until_they_miss_the_deadline() -> None:
     place = GROWTHS.index(1.5)
     assert GROWTHS[place] <= found.value < GROWTHS[place + 1]
     assert objective.simulations == 4 * len(GROWTHS)
-    table = stress_table(objective, BASE, replace(BASE, deadline=0.2), range(4)).set_index("what")
+    table = stress_table(objective, BASE, {"current": replace(BASE, deadline=0.2)}, range(4)).set_index("what")
     assert table.loc["all loop times x 1.5", "change"] == 0
     assert table.loc["as it is", "current_qoc"] > table.loc["all loop times x 1.25", "current_qoc"]  # 0.25 s miss 0.2 s
     safe = largest_growth(objective, replace(BASE, deadline=0.7), range(4), 0.05)

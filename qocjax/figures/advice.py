@@ -29,7 +29,8 @@ def advice_figure(
     deadlines: tuple[float, float],
     *,
     width: float = DOUBLE_COLUMN,
-    height: float = 2.9,
+    height: float = 3.5,
+    limit: float | None = None,
 ) -> Figure:
     """Draws QoC over the deadline with the margin, and the QoC of what was judged with its 95 % interval.
 
@@ -40,6 +41,7 @@ def advice_figure(
             network as it is, to which the changes are paired.
         margin: Deadlines (s) between which QoC stays close to its best.
         deadlines: Recommended and current (s).
+        limit: Share of runs with a collision that is allowed.
         width: Inches.
         height: Inches.
 
@@ -55,8 +57,11 @@ def advice_figure(
     with paper_style():
         figure = Figure(figsize=(width, height), layout="constrained")
         cast(ConstrainedLayoutEngine, figure.get_layout_engine()).set(wspace=0.06)
-        left, right = figure.subplots(1, 2, width_ratios=[1.25, 1])
+        panels = figure.subplot_mosaic([["qoc", "bars"], ["close", "bars"]], width_ratios=[1.25, 1],
+                                       height_ratios=[2.4, 1])  # fmt: skip
+        left, right = panels["qoc"], panels["bars"]
         _draw_curves(left, curve, margin, deadlines)
+        _draw_collisions(panels["close"], left, curve, limit)
         _draw_bars(right, judged, stress)
     return figure
 
@@ -90,6 +95,24 @@ def _draw_curves(axes: Axes, curve: pd.DataFrame, margin: tuple[float, float], d
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
 
+def _draw_collisions(axes: Axes, above: Axes, curve: pd.DataFrame, limit: float | None) -> None:
+    """Share of runs with a collision over the deadline, on the axis of the QoC above."""
+    axes.set_xscale("log")
+    for who, colour, style in (("recommended", _RECOMMENDED, "-"), ("current", _CURRENT, "--")):
+        axes.plot(1e3 * curve["deadline"], 100 * curve[f"collision_{who}"], color=colour, ls=style, lw=1.3)
+    if limit is not None:
+        axes.axhline(100 * limit, color=GREY, ls=":", lw=1.0)
+    axes.set_ylim(-4, 104)
+    axes.set_xlim(above.get_xlim())
+    for axis in (axes.xaxis,):
+        axis.set_major_locator(above.xaxis.get_major_locator())
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    above.set_xlabel("")
+    axes.set_xlabel(DEADLINE_LABEL)
+    axes.set_ylabel("Runs with a\ncollision (%)")
+
+
 def _draw_bars(axes: Axes, judged: pd.DataFrame, stress: pd.DataFrame) -> None:
     rows = [(row.what, row.qoc, row.qoc_low, row.qoc_high, _CURRENT if k < len(judged) - 1 else _RECOMMENDED)
             for k, row in enumerate(judged.itertuples())]  # fmt: skip
@@ -100,8 +123,9 @@ def _draw_bars(axes: Axes, judged: pd.DataFrame, stress: pd.DataFrame) -> None:
         axes.barh(place, qoc, 0.66, color=colour, edgecolor="k", lw=0.5)
         axes.plot([low, high], [place, place], color="k", lw=1.0)
         axes.annotate(f"{qoc:.3f}", (high, place), (3, 0), textcoords="offset points", va="center", fontsize=7)
-    axes.set_yticks(range(len(rows)), labels=[what.replace("current gains, ", "current gains,\n") for what, *_ in rows])
+    axes.set_yticks(range(len(rows)), labels=[what.replace("current gains, recommended", "yours at the recommended")
+                                              for what, *_ in rows], fontsize=7)  # fmt: skip
     axes.tick_params(axis="y", length=0)
     axes.invert_yaxis()
-    axes.set_xlim(0.0, 1.16 * max(high for *_, high, _ in rows))
+    axes.set_xlim(0.0, 1.2 * max(high for *_, high, _ in rows))
     axes.set_xlabel("QoC")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
@@ -18,6 +19,7 @@ from qocjax.figures.tables import check_table
 __all__ = ["delay_reliability_map"]
 
 _LEVELS = 7  # contours, about
+_NEAR = 13.0  # points between a mark and a level that is written
 _WIDE = 30  # ratio of delays above which their axis is logarithmic
 
 
@@ -56,7 +58,7 @@ def delay_reliability_map(
     with paper_style():
         figure = Figure(figsize=(width, height), layout="constrained")
         axes = figure.add_subplot()
-        _draw_contours(figure, axes, grid)
+        contours = _draw_contours(figure, axes, grid)
         line = _draw_curve(axes, curve, float(grid.index[0]))
         handles = [line, *(_draw_point(axes, name, *at, float(grid.index[0])) for name, at in (points or {}).items())]
         axes.set_xlabel(r"Delay $D$, or deadline $\Delta$ (ms)")
@@ -71,20 +73,37 @@ def delay_reliability_map(
         axes.set_xlim(1e3 * grid.columns[0], 1e3 * grid.columns[-1])
         axes.set_ylim(grid.index[0], 1.0)
         figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=1.4)
+        _label_contours(figure, axes, contours, handles)
     return figure
 
 
-def _draw_contours(figure: Figure, axes: Axes, grid: pd.DataFrame) -> None:
+def _label_contours(figure: Figure, axes: Axes, contours: QuadContourSet, marks: list[Line2D]) -> None:
+    """Writes levels on the lines once the axes are what they will be; none where a mark or the curve would cover it."""
+    figure.draw_without_rendering()
+    taken = np.concatenate([_dense(axes.transData.transform(np.column_stack(mark.get_data()))) for mark in marks])
+    for text in contours.clabel(fontsize=6.5, fmt="%.3g", colors="w"):
+        place = axes.transData.transform(text.get_position())
+        near = float(np.hypot(*(taken - place).T).min()) < _NEAR * figure.dpi / 72
+        text.set_visible(not near)
+
+
+def _dense(points: np.ndarray) -> np.ndarray:
+    """Points along a line, close to each other."""
+    place = np.linspace(0.0, len(points) - 1.0, 20 * len(points))
+    return np.column_stack([np.interp(place, np.arange(len(points)), column) for column in points.T])
+
+
+def _draw_contours(figure: Figure, axes: Axes, grid: pd.DataFrame) -> QuadContourSet:
     axes.set_yscale("log")
     delay, reliability = 1e3 * grid.columns.to_numpy(float), grid.index.to_numpy(float)
     filled = axes.contourf(delay, reliability, grid.to_numpy(), 24, cmap=COLOUR_MAP)
     lines = axes.contour(delay, reliability, grid.to_numpy(), _LEVELS, colors="w", linewidths=0.6)
-    axes.clabel(lines, fontsize=6.5, fmt="%.3g", colors="w")
     bar = figure.colorbar(filled, ax=axes, label="QoC", pad=0.04, aspect=18)
     bar.outline.set_linewidth(0.6)
     share = [level for level in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if level >= reliability[0]]
     axes.set_yticks(share, labels=[f"{level:.0%}" for level in share])
     axes.tick_params(axis="y", which="minor", length=0, labelleft=False)
+    return lines
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, floor: float) -> Line2D:

@@ -150,7 +150,7 @@ def advise(
         max_collision_share=max_collision_share,
         policy=_policy(float(np.asarray(current.deadline)), margins[1]),
         judged=judged,
-        stress=stress_table(objective, best, current, fresh),
+        stress=stress_table(objective, best, {"current": current, "by_mean": found.by_mean}, fresh),
         ties=ties,
         actuation=otherwise(objective, best, axis, choice[: len(some)], fresh),
         margin=margins[0],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -67,19 +67,21 @@ def worse(objective: Objective, tau: float) -> dict[str, Network]:
     return found
 
 
-def stress_table(objective: Objective, design: Design, current: Design, seeds: Sequence[int]) -> pd.DataFrame:
-    """A design on worse networks, paired with itself on the network as it is, the first row; beside it another one.
+def stress_table(
+    objective: Objective, design: Design, others: Mapping[str, Design], seeds: Sequence[int]
+) -> pd.DataFrame:
+    """A design on worse networks, paired with itself on the network as it is, the first row; beside it others.
 
     Args:
         objective: The setting.
         design: Numbers.
-        current: Numbers; what it is compared with where both keep their deadlines.
+        others: Numbers, by name; what it is compared with where all keep their deadlines.
         seeds: [S] at least two.
 
     Returns:
         Per case: what, deadline (s), reliability with its standard error, qoc and change with both 95 % intervals
-        (`_whole_` with the error of J_med in it), what `of_runs` says, and with `current_` QoC and collision share of
-        the other design, NaN where the case is none of it.
+        (`_whole_` with the error of J_med in it), what `of_runs` says, and with their names before it QoC and
+        collision share of the others, NaN where the case is none of theirs.
     """
     network, deadline = objective.network, float(np.asarray(design.deadline))
     longer = replace(design, deadline=1.5 * deadline)
@@ -94,7 +96,7 @@ def stress_table(objective: Objective, design: Design, current: Design, seeds: S
     table: list[dict[str, Any]] = []
     base: Scores | None = None
     for what, other, chosen in cases:
-        runs, scores = on_network(objective, other, stacked([chosen, current]), seeds)
+        runs, scores = on_network(objective, other, stacked([chosen, *others.values()]), seeds)
         base = scores[0] if base is None else base
         share, error = reliability_of(other, objective.scenario, chosen.deadline, chosen.tau)
         beside = what == "as it is" or what in changed
@@ -103,9 +105,12 @@ def stress_table(objective: Objective, design: Design, current: Design, seeds: S
              "reliability_se": float(error)}
             | scores[0].mean().columns("qoc") | (scores[0] - base).mean().columns("change")
             | of_runs(runs, 0, scores.units)
-            | {"current_qoc": float(scores.values[1].mean()) if beside else np.nan,
-               "current_collision_share": float(runs["collided"].values[1].mean()) if beside else np.nan}
         )  # fmt: skip
+        for k, name in enumerate(others, start=1):
+            table[-1] |= {
+                f"{name}_qoc": float(scores.values[k].mean()) if beside else np.nan,
+                f"{name}_collision_share": float(runs["collided"].values[k].mean()) if beside else np.nan,
+            }
     return pd.DataFrame(table)
 
 
