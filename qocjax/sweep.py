@@ -61,6 +61,8 @@ def run(
     """
     problem, grid = config.build_problem(), config.build_grid()
     room = config.build_map()
+    for text in config.beyond():
+        _note(text)
     if (remark := config.rate_remark(problem.network, float(np.min(problem.designs.tau)))) is not None:
         _note(remark)
     if folder is None:

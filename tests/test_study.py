@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from hydra import compose, initialize_config_dir
 from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, Study, evaluate, one_at_a_time, paper_network, qoc, run_study
+from qocjax.config import conf_dir, load
+from qocjax.config.codesign import CodesignConfig
+from qocjax.config.study import StudyConfig
+from qocjax.config.tune import TuneConfig
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
 from qocjax.study.scales import standing_still
@@ -205,3 +211,33 @@ def test_arrivals_and_diverged_runs_in_the_table(study: Study) -> None:
     np.testing.assert_allclose(scores[1], (1 / (1 + 2 / 1.5) + 1 / (1 + 4 / 1.5)) / 2)
     runs["arrival_time"] = xr.full_like(runs["arrival_time"], np.inf)
     assert results_table(runs, small, share, QocScale.of(auc)).iloc[0]["arrival_time"] == np.inf
+
+
+def test_grids_and_bounds_end_at_what_the_robot_can_do() -> None:
+    def made(command: str, model: type, *options: str) -> Any:
+        return load(model, compose(command, ["robot=turtlebot3_burger", *options]))
+
+    with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        sweep = made("sweep", StudyConfig, "sweep=v_max")
+        assert set(sweep.build_grid().value.tolist()) == {0.2}
+        assert sweep.beyond() == ["sweep.grids.v_max: 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1, 1.2, 1.5 left out, more than "
+                                  "the robot's 0.22"]  # fmt: skip
+        free = made("sweep", StudyConfig, "sweep=v_max", "robot.v_limit=null")
+        assert len(set(free.build_grid().value.tolist())) == 10 and not free.beyond()
+        tuned = made("tune", TuneConfig, "tune.wrt=[v_max,kappa]").build_bounds()
+        assert tuned.high.tolist() == [0.22, 8.0]
+        space = made("codesign", CodesignConfig).build_space()
+        assert space.bounds["v_max"][1] == 0.22
+        for command, model, option, words in (
+            (
+                "sweep",
+                StudyConfig,
+                "sweep.grids.v_max=[0.5]",
+                r"sweep.grids.v_max: got \[0.5\], expected some up to 0.22",
+            ),
+            ("sweep", StudyConfig, "robot.v_max=0.3", "robot.v_max: got 0.3, expected at most robot.v_limit, 0.22"),
+        ):
+            with pytest.raises(ValueError, match=words):
+                made(command, model, option).build_grid()
+        with pytest.raises(ValueError, match="below the robot's 0.22"):
+            made("tune", TuneConfig, "tune.wrt=[v_max]", "tune.bounds.v_max=[0.3,1]").build_bounds()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from qocjax.config.part import Part
 
 __all__ = ["BoundsConfig"]
@@ -18,11 +20,13 @@ class BoundsConfig(Part):
     omega_max: list[float] | None
     d_safe: list[float] | None
 
-    def build(self, name: str) -> dict[str, tuple[float, float]]:
+    def build(self, name: str, limit: Callable[[str], float | None] = lambda parameter: None
+              ) -> dict[str, tuple[float, float]]:  # fmt: skip
         """Lower and upper bounds of the parameters that may change.
 
         Args:
             name: Of this part, for messages.
+            limit: What the robot can do at most, where upper bounds end.
 
         Raises:
             ValueError: Not two numbers, the first below the second.
@@ -34,5 +38,8 @@ class BoundsConfig(Part):
                 continue
             if len(ends) != 2 or not ends[0] < ends[1]:
                 raise ValueError(f"{name}.{parameter}: got {ends}, expected [low, high] with low < high, or null")
-            found[parameter] = (ends[0], ends[1])
+            most = limit(parameter)
+            if most is not None and ends[0] >= most:
+                raise ValueError(f"{name}.{parameter}: got {ends}, expected [low, high] below the robot's {most:g}")
+            found[parameter] = (ends[0], ends[1] if most is None else min(ends[1], most))
         return found

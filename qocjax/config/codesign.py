@@ -101,7 +101,7 @@ class CodesignConfig(SweptConfig):
         if not axis and len(milliseconds) != 2:
             raise ValueError(f"search.deadline_ms: got {milliseconds}, expected [low, high], or null for the axis")
         return Space(
-            self.search.bounds.build("search.bounds"),
+            self.search.bounds.build("search.bounds", self.robot.limit),
             self.search.tau,
             [ms / 1e3 for ms in milliseconds],
             axis,

@@ -19,12 +19,46 @@ from qocjax.scenario import Design, Scenario
 __all__ = ["SimulationConfig"]
 
 
+_LIMITS = {"v_max": "v_limit", "omega_max": "omega_limit"}
+
+
 class RobotConfig(Part):
     """Speed caps and size."""
 
     v_max: float
     omega_max: float
     radius: float
+    v_limit: float | None = None
+    omega_limit: float | None = None
+
+    def limit(self, parameter: str) -> float | None:
+        """What the robot can do at most, of `v_max` or `omega_max`; None for any other and where no limit is known."""
+        return {"v_max": self.v_limit, "omega_max": self.omega_limit}.get(parameter)
+
+    def within(self, option: str, parameter: str, values: list[float]) -> list[float]:
+        """The values of a list that the robot can do.
+
+        Raises:
+            ValueError: None of them.
+        """
+        most = self.limit(parameter)
+        kept = values if most is None else [value for value in values if value <= most]
+        if values and not kept:
+            raise ValueError(f"{option}: got {values}, expected some up to {most:g}, what the robot can do "
+                             f"(robot.{_LIMITS[parameter]}=null takes any)")  # fmt: skip
+        return kept
+
+    def check(self) -> None:
+        """Checks that the caps are what the robot can do.
+
+        Raises:
+            ValueError: One is more.
+        """
+        for parameter, option in _LIMITS.items():
+            most = self.limit(parameter)
+            if most is not None and getattr(self, parameter) > most:
+                got = getattr(self, parameter)
+                raise ValueError(f"robot.{parameter}: got {got:g}, expected at most robot.{option}, {most:g}")
 
 
 class LoopConfig(Part):
@@ -148,5 +182,6 @@ class SimulationConfig(Part):
 
     def baseline(self) -> Design:
         """The design around which parameters are swept."""
+        self.robot.check()
         caps = {"v_max": self.robot.v_max, "omega_max": self.robot.omega_max}
         return Design(**caps, tau=self.loop.tau, **self.controller.gains())

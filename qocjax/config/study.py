@@ -43,8 +43,20 @@ class SweptConfig(SimulationConfig):
     figures: bool
 
     def build_grid(self) -> Grid:
-        """The designs of the study."""
-        return one_at_a_time(self.baseline(), self.sweep.grids, [ms / 1000 for ms in self.sweep.deadline_ms])
+        """The designs of the study; of each grid what the robot can do."""
+        grids = {name: self.robot.within(f"sweep.grids.{name}", name, values)
+                 for name, values in self.sweep.grids.items()}  # fmt: skip
+        return one_at_a_time(self.baseline(), grids, [ms / 1000 for ms in self.sweep.deadline_ms])
+
+    def beyond(self) -> list[str]:
+        """What of the grids is left out because the robot cannot do it, a sentence each."""
+        found = []
+        for name, values in self.sweep.grids.items():
+            most = self.robot.limit(name)
+            if most is not None and (out := [value for value in values if value > most]):
+                listed = ", ".join(f"{value:g}" for value in out)
+                found.append(f"sweep.grids.{name}: {listed} left out, more than the robot's {most:g}")
+        return found
 
     def seeds(self) -> tuple[range, range]:
         """Selection and evaluation seeds: consecutive, so never in both."""

@@ -120,6 +120,13 @@ class TuneConfig(SimulationConfig):
                 raise ValueError(
                     f"tune.bounds.{name}: got {pair}, but tune.wrt is [{', '.join(self.tune.wrt)}]: {name} is not tuned"
                 )
+        for name in set(self.tune.wrt) & set(given):
+            most = self.robot.limit(name)
+            if most is not None and given[name][0] >= most:
+                raise ValueError(
+                    f"tune.bounds.{name}: got {given[name]}, expected [low, high] below the robot's {most:g}"
+                )
+            given[name] = [given[name][0], min(given[name][1], most if most is not None else np.inf)]
         return Bounds(self.tune.wrt, given)
 
     def build_search(self) -> Search:
