@@ -73,7 +73,7 @@ def _decision(advice: Advice) -> list[str]:
         why = "it breaks the limit on" if advice.verdict == "unsafe" else "fresh seeds do not show that it keeps"
         lines = [f"NO RECOMMENDATION: {why} collisions. The closest that was found: {head}", f"  {values}"]
     if advice.kept:
-        lines.append("  * stays as you have it: changing it makes no difference that can be told")
+        lines.append("  * stays as you have it: changing it gains nothing that can be told")
     lines.append(f"  QoC {row['gain']:+.4f} [{row['gain_low']:+.4f}, {row['gain_high']:+.4f}] over yours, "
                  f"{_percent(row['auc'], advice.judged['auc'].iloc[0])} AUC; {collisions}.")  # fmt: skip
     lines += [f"  {line}" for line in (*_robust(advice), *_actuation(advice))]

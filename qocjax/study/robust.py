@@ -36,7 +36,7 @@ class Chosen:
     design: Design
     by_mean: Design  # the best mean QoC among those that keep the limit
     safe: bool  # whether it keeps the limit on collisions, by the upper end of their share
-    kept: tuple[str, ...]  # gains that went back to the user's
+    kept: tuple[str, ...]  # gains that are as the user has them
     others: Design  # that keep the limit and cannot be told from it
 
 
@@ -66,7 +66,7 @@ def choose(
         ValueError: An unknown objective.
     """
     _checks.choice("advise.objective", how, OBJECTIVES)
-    pool = _with_longer(finalists, longest)
+    pool = stacked([_with_longer(finalists, longest), *_given_back(finalists, current, names)])
     scores, upper = _measured(objective, pool, seeds)
     safe = upper <= limit if (upper <= limit).any() else upper <= upper.min()
     means = np.where(safe, scores.values.mean(axis=1), -np.inf)
@@ -77,9 +77,9 @@ def choose(
     else:
         best = row(pool, int(near[_worst(objective, take(pool, near), seeds).argmax()]))
     others = take(pool, near)
-    kept: tuple[str, ...] = ()
     if how == "robust":
-        best, kept = _least_change(objective, best, current, names, limit, seeds)
+        best = _least_change(objective, best, current, names, limit, seeds)
+    kept = tuple(name for name in names if float(getattr(best, name)) == float(getattr(current, name)))
     return Chosen(best, row(pool, top), bool(upper.min() <= limit), kept, others)
 
 
@@ -114,11 +114,17 @@ def _with_longer(finalists: Design, longest: float) -> Design:
     return stacked(parts)
 
 
+def _given_back(finalists: Design, current: Design, names: Sequence[str]) -> list[Design]:
+    """The first finalists with one of the user's gains each: a search that is blind to them passes them by."""
+    count = min(np.size(finalists.deadline), _GAINS)
+    first = take(finalists, list(range(count)))
+    return [replace(first, **{name: np.full(count, float(getattr(current, name)))}) for name in names]
+
+
 def _least_change(
     objective: Objective, best: Design, current: Design, names: Sequence[str], limit: float, seeds: Sequence[int]
-) -> tuple[Design, tuple[str, ...]]:
+) -> Design:
     """Gives gains back, one at a time, as long as neither mean nor worst QoC nor safety are told to suffer."""
-    kept: list[str] = []
     first, base = best, _measured(objective, stacked([best] * (len(names) + 1)), seeds)[0][0]
     floor = float(_worst(objective, stacked([best]), seeds)[0]) * (1.0 - _CLOSE)
     while left := [name for name in names if float(getattr(best, name)) != float(getattr(current, name))]:
@@ -132,7 +138,5 @@ def _least_change(
         ]  # fmt: skip
         if not fine:
             break
-        k = max(fine, key=lambda k: lowest[k])
-        best = trials[k]
-        kept.append(left[k])
-    return best, tuple(kept)
+        best = trials[max(fine, key=lambda k: lowest[k])]
+    return best
