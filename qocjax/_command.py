@@ -6,6 +6,7 @@ import functools
 import os
 import re
 import sys
+import warnings
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -66,6 +67,7 @@ def command(
             _set_up_jax()
             OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
             register_help()
+            warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
             arguments = _expanded(sys.argv[1:], short or {})
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:

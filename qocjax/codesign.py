@@ -125,8 +125,8 @@ def _problem(config: CodesignConfig) -> Problem:
     return Problem(Objective(scenario, network, scale, rules, config.key), space, limits, traffic, measure)
 
 
-def summary(found: Codesign, measure: str = "mean") -> str:
-    """What was found, for a terminal."""
+def summary(found: Codesign, measure: str = "mean", limit: float | None = None) -> str:
+    """What was found, for a terminal; `limit` on the share of runs with a collision."""
     contest, name = found.contest, "QoC" if measure == "mean" else "CVaR of QoC"
     best, policies = contest.chosen, contest.policies
     table = pd.DataFrame(
@@ -152,6 +152,11 @@ def summary(found: Codesign, measure: str = "mean") -> str:
                      f"{best['excess_at_choice']:.3g} (relative excess, summed): {design}")  # fmt: skip
     else:
         lines.append(f"Chosen: {design} (by {best['method']})")
+        if best["feasible"] and limit is not None and best["collision_high"] > limit:
+            share, low, high = (f"{best[f'collision_{name}']:.1%}" for name in ("share", "low", "high"))
+            lines.append(
+                f"Fresh seeds do not show that it keeps collisions within {limit:.1%}: {share} [{low}, {high}]."
+            )
         if not best["feasible"]:
             lines.append(f"On fresh seeds it breaks the limits by {best['excess']:.3g}: collisions in "
                          f"{best['collision_share']:.1%} of runs.")  # fmt: skip
@@ -232,7 +237,7 @@ def main(cfg: DictConfig) -> None:
     config = load(CodesignConfig, cfg)
     folder = output_dir()
     found = run(config, folder)
-    print(summary(found, config.search.measure))
+    print(summary(found, config.search.measure, config.limits.collision_share))
     print(f"\n{limits_text(config)}\n{capacity_text(found, config)}")
     best = found.contest.chosen
     if text := trace_remark(config.build_network(), best["deadline"], config.scenario.horizon, best["tau"]):

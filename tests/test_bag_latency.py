@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bags import ODOM, TWIST, Message, pose, speeds, write_bag
 
+from qocjax.config.network import TraceConfig
 from qocjax.recorded import Rules, RunFiles, TopicPatterns, read_run
 from qocjax.recorded.latency import command_to_motion
 from qocjax.recorded.series import Series
@@ -73,7 +74,8 @@ def test_what_cannot_be_known_is_not_said() -> None:
     assert command_to_motion(series(told, speeds_, TWIST), series(seen, 0 * poses, ODOM)) is None  # it stands
 
 
-def test_a_bag_of_plain_twists_tells_the_delay(tmp_path: Path) -> None:
+def plain_twists() -> list[Message]:
+    """A drive that answers 180 ms after its commands."""
     told, speeds_, seen, poses = drive(3, 0.18)
     messages: list[Message] = [
         (float(t), "/cmd_vel", TWIST, speeds(float(v), float(w))) for t, (v, w, _) in zip(told, speeds_, strict=True)
@@ -82,7 +84,22 @@ def test_a_bag_of_plain_twists_tells_the_delay(tmp_path: Path) -> None:
         (float(t), "/odom", ODOM, pose(ODOM, float(t), *map(float, p), "odom"))
         for t, p in zip(seen, poses, strict=True)
     ]
-    path = write_bag(tmp_path / "bag", sorted(messages, key=lambda message: message[0]))
+    return sorted(messages, key=lambda message: message[0])
+
+
+def test_a_bag_of_plain_twists_tells_the_delay(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", plain_twists())
     run = read_run(RunFiles("run", bag=path), Rules(TopicPatterns(("/odom",), ("/cmd_vel",))), quiet=True)
     found = run.latency["robot"]
     assert found.low < 0.18 < found.high and found.high - found.low < 0.03 and found.correlation > 0.9
+
+
+def test_a_bag_is_a_network(tmp_path: Path) -> None:
+    """Without stamps of loops every loop takes the delay from commands to motion, and that is said."""
+    write_bag(tmp_path / "bag", plain_twists())
+    with pytest.warns(UserWarning, match="has no stamps of loops; every loop takes 1[78][0-9] ms"):
+        network = TraceConfig(kind="trace", path=str(tmp_path / "bag")).build()
+    assert float(network.compute.quantile(0.5)) == pytest.approx(0.18, abs=0.01)
+    write_bag(tmp_path / "other", plain_twists())
+    with pytest.raises(ValueError, match="holds 2 runs, 2 of them bags, expected one bag"):
+        TraceConfig(kind="trace", path=str(tmp_path)).build()

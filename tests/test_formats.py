@@ -226,7 +226,7 @@ def test_a_trace_of_ingest_reads_back(tmp_path: Path) -> None:
 
 
 def test_what_is_no_single_log_says_so(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="is a folder, expected the log of a tool"):
+    with pytest.raises(ValueError, match="which holds no run"):
         read_file(tmp_path)
     (tmp_path / "rtt.csv").write_text("rtt\n1\n2\n")
     with pytest.raises(ValueError, match=r"unit: got None for column 'rtt' of .*rtt.csv, expected 's'"):

@@ -13,8 +13,9 @@ import pandas as pd
 import pytest
 from hydra import compose, initialize_config_dir
 from matplotlib.figure import Figure
+from scipy import stats
 
-from qocjax import Design, Scenario, evaluate
+from qocjax import Design, QocScale, Scenario, evaluate
 from qocjax.config import conf_dir, load
 from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import win_map
@@ -225,3 +226,33 @@ def test_an_unknown_key_is_one_line(tmp_path: Path) -> None:
     )
     assert done.returncode == 2
     assert done.stderr.strip() == "error: qos.depth: got an unknown option, expected one of the configuration's"
+
+
+@pytest.mark.slow
+def test_intervals_of_the_study_cover_the_long_run() -> None:
+    """Over other keys, J_med being of the same runs: QoC, its difference, and both at best deadlines."""
+
+    def made(seeds: int, key: int, scale: QocScale | None = None) -> QosStudy:
+        options = (topics(), PROFILES, [0.2], [4.0], [0.1, 0.2, 0.4], range(seeds))
+        return qos_study(SCENARIO, Design(tau=0.05), *options, key=key, scale=scale)
+
+    truth = made(1200, 99)
+    known = truth.results.set_index(["profile", "deadline"])
+    count, names = 120, ("qoc", "difference", "gain_percent")
+    held = {**dict.fromkeys(names, 0), **{f"best {name}": 0 for name in names}}
+    for key in range(count):
+        study = made(24, key)
+        row = study.results.set_index(["profile", "deadline"]).loc[("RELIABLE", 0.2)]
+        best = study.best.set_index("profile")
+        at = [("RELIABLE", best.loc["RELIABLE", "deadline"]), ("BEST_EFFORT", best.loc["BEST_EFFORT", "deadline"])]
+        score, base = (known.loc[place, "qoc"] for place in at)
+        real = {"qoc": score, "difference": score - base, "gain_percent": 100 * (score / base - 1)}
+        for name in names:
+            whole = "" if name == "gain_percent" else "whole_"
+            ends = [f"{name}_{whole}{end}" for end in ("low", "high")]
+            low, high = row[ends]
+            held[name] += low <= known.loc[("RELIABLE", 0.2), name] <= high
+            low, high = best.loc["RELIABLE", ends]
+            held[f"best {name}"] += low <= real[name] <= high
+    low, high = stats.binom.ppf([0.001, 0.999], count, 0.95)
+    assert all(low <= hits <= high for hits in held.values()), {name: hits / count for name, hits in held.items()}

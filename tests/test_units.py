@@ -155,6 +155,8 @@ def test_shares_of_stretches_have_wider_intervals() -> None:
     assert share(spread, units).high == pytest.approx(share(spread).high, rel=0.1)
     never = share(np.zeros(100), units)
     assert never.high == pytest.approx(1 - 0.025 ** (1 / (10 * (stats.t.ppf(0.975, 99) / stats.t.ppf(0.975, 9)) ** 2)))
+    calm = np.random.default_rng(7).normal(size=100)  # other values of these runs, that stretches have no part in
+    assert share(np.zeros(100), units, like=calm).high < 0.06 < never.high
     wide = share(together, units)
     assert wide.mean == 0.1 and wide.high > share(together).high and wide.low < share(together).low
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+from omegaconf import OmegaConf
 from pydantic import Field
 
 from qocjax.config.cell import CellConfig
 from qocjax.config.delay import Delay, EdgeConfig, LegConfig
-from qocjax.config.part import Part
+from qocjax.config.part import Part, conf_dir
 from qocjax.network import LoopNetwork, Network, Trace, kth_5g_network, read_trace, with_edge
 from qocjax.network.dds import DdsNetwork, Profile, Topic
-from qocjax.recorded.as_trace import read_file, trace_of
+from qocjax.recorded.as_trace import network_of, read_file
 from qocjax.recorded.formats import FORMATS, found_format
 from qocjax.recorded.run import RecordedRun
+from qocjax.recorded.topics import TopicPatterns
 
 __all__ = ["NetworkConfig"]
 
@@ -68,13 +70,13 @@ class TraceConfig(Part):
     stamp_unit: str | None = None
     faster_than_measured: bool = False  # whether `SimulationConfig.check_rate` lets it pass
 
-    def build(self) -> Trace:
+    def build(self) -> Network:
         """The network; without a column, what is in the file."""
         if self.column is None:
             given = [name for name in ("sequence", "separator", "stamp") if getattr(self, name) is not None]
             if given:
                 raise ValueError(f"network.column: got nothing with {given[0]}, expected the name of the loop times'")
-            return trace_of(self.read(), self.path, self.period)
+            return network_of(self.read(), self.path, self.period)
         try:
             return self._table()
         except ValueError as error:
@@ -98,8 +100,10 @@ class TraceConfig(Part):
         )
 
     def read(self) -> RecordedRun:
-        """What is in the file."""
-        return read_file(self.path, self.unit, self.gaps_are_lost)
+        """What is in the file; of a bag the topics that `ingest` looks for by default."""
+        found = OmegaConf.load(conf_dir() / "reading" / "default.yaml").topics
+        topics = TopicPatterns(*(tuple(found[name]) for name in ("poses", "commands", "goals")))
+        return read_file(self.path, self.unit, self.gaps_are_lost, topics)
 
 
 class ProfileConfig(Part):

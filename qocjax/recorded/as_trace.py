@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from qocjax.network import Trace
+from qocjax.network import Constant, LoopNetwork, Network, Trace
 from qocjax.network.period import period_of
 from qocjax.recorded.folder import find_runs
 from qocjax.recorded.loops import ClockRules
@@ -15,28 +15,58 @@ from qocjax.recorded.run import RecordedRun, Rules, read_run
 from qocjax.recorded.stamps import StampsFormat
 from qocjax.recorded.topics import TopicPatterns
 
-__all__ = ["read_file", "trace_of"]
+__all__ = ["network_of", "read_file", "trace_of"]
 
 
-def read_file(path: str | Path, unit: str | None = None, gaps_are_lost: bool = False) -> RecordedRun:
-    """Reads a log of a tool or a table of loops by what is in it.
+def read_file(
+    path: str | Path, unit: str | None = None, gaps_are_lost: bool = False, topics: TopicPatterns | None = None
+) -> RecordedRun:
+    """Reads a log of a tool, a table of loops or a bag by what is in it.
 
     Args:
         path: The file.
         unit: Of times that the file says no unit of: s, ms, us or ns.
         gaps_are_lost: Whether numbers that are not there are lost loops.
+        topics: Of a bag; None refuses bags.
 
     Raises:
         ValueError: It is none of the formats that are known, or cannot be read.
     """
     stamps = StampsFormat(unit=unit)
-    if Path(path).is_dir():
-        raise ValueError(f"{path}: is a folder, expected the log of a tool, or a trace of `python -m qocjax.ingest`")
-    files = find_runs(Path(path), stamps)[0]
-    if files.bag is not None:
-        raise ValueError(f"{path}: is a bag, expected a trace that `python -m qocjax.ingest path={path}` makes of it")
-    rules = Rules(TopicPatterns((), ()), stamps, ClockRules(missing_are_lost=gaps_are_lost))
+    runs = find_runs(Path(path), stamps)
+    bags = [each for each in runs if each.bag is not None]
+    if len(runs) != 1 or (Path(path).is_dir() and not bags) or (bags and topics is None):
+        raise ValueError(
+            f"{path}: holds {len(runs)} runs, {len(bags)} of them bags, expected one bag, the log of a tool, or a "
+            "trace of `python -m qocjax.ingest`"
+        )
+    (files,) = runs
+    rules = Rules(topics or TopicPatterns((), ()), stamps, ClockRules(missing_are_lost=gaps_are_lost))
     return read_run(files, rules, quiet=True)
+
+
+def network_of(run: RecordedRun, source: str, period: float | None = None) -> Network:
+    """The loops of a run as a network; of a bag without stamps of loops its delay from commands to motion.
+
+    Warns, as `trace_of`, and of what a constant delay leaves out.
+
+    Args:
+        run: One that has the loops of one robot, or whose commands explain the motion of one.
+        source: Of the run, for the record.
+        period: Between two loops (s); None for that of the send times.
+
+    Raises:
+        ValueError: It has neither.
+    """
+    if run.loops or len(run.latency) != 1:
+        return trace_of(run, source, period)
+    (found,) = run.latency.values()
+    warnings.warn(
+        f"{source}: has no stamps of loops; every loop takes {1e3 * found.delay:.0f} ms [{1e3 * found.low:.0f}, "
+        f"{1e3 * found.high:.0f}], the delay from its commands to the motion: how it varies, what is lost is unknown",
+        stacklevel=2,
+    )
+    return LoopNetwork(compute=Constant(round(found.delay, 4)), name=f"{run.name}, commands to motion")
 
 
 def trace_of(run: RecordedRun, source: str, period: float | None = None) -> Trace:

@@ -117,7 +117,8 @@ class _Shown:
                        "min_distance": np.nan, "diverged_share": np.nan}  # fmt: skip
             return _qoc(self.scores[0], np.nan) | nothing
         costs = self.runs["auc"].values[place].astype(np.float64).mean(axis=-1)
-        cost, hits = estimate(costs, units=units), share(self.runs["collided"].values[place], units)
+        cost = estimate(costs, units=units)
+        hits = share(self.runs["collided"].values[place], units, like=self.scores.values[place])
         return _qoc(self.scores[place], 1.0) | {
             "auc": cost.mean, "auc_se": cost.se, "auc_low": cost.low, "auc_high": cost.high,
             "collision_share": hits.mean, "collision_low": hits.low, "collision_high": hits.high,

@@ -67,8 +67,9 @@ def choose(
     """
     _checks.choice("advise.objective", how, OBJECTIVES)
     pool = stacked([_with_longer(finalists, longest), *_given_back(finalists, current, names)])
-    scores, upper = _measured(objective, pool, seeds)
-    safe = upper <= limit if (upper <= limit).any() else upper <= upper.min()
+    scores, upper, close = _measured(objective, pool, seeds)
+    # Where none is shown to be safe, those that seem to be; the verdict says so.
+    safe = next(each for each in (upper <= limit, close <= limit, upper <= upper.min()) if each.any())
     means = np.where(safe, scores.values.mean(axis=1), -np.inf)
     top = int(means.argmax())
     near = np.flatnonzero([safe[k] and _close(scores[k], scores[top]) for k in range(means.size)])
@@ -89,11 +90,12 @@ def _close(scores: Scores, best: Scores) -> bool:
     return gap.mean >= -_CLOSE * float(best.values.mean()) or gap.high >= 0.0
 
 
-def _measured(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[Scores, np.ndarray]:
-    """Scores, and the upper end of each collision share."""
+def _measured(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[Scores, np.ndarray, np.ndarray]:
+    """Scores, and the upper end of each collision share, and the share."""
     runs = objective.runs(designs, seeds)
-    scores = objective.judged(runs)
-    return scores, np.array([share(hits, scores.units).high for hits in runs["collided"].values])
+    scores, collided = objective.judged(runs), runs["collided"].values
+    found = [share(hits, scores.units, like=like) for hits, like in zip(collided, scores.values, strict=True)]
+    return scores, np.array([each.high for each in found]), np.array([each.mean for each in found])
 
 
 def _worst(objective: Objective, designs: Design, seeds: Sequence[int]) -> np.ndarray:
@@ -125,16 +127,17 @@ def _least_change(
     objective: Objective, best: Design, current: Design, names: Sequence[str], limit: float, seeds: Sequence[int]
 ) -> Design:
     """Gives gains back, one at a time, as long as neither mean nor worst QoC nor safety are told to suffer."""
-    first, base = best, _measured(objective, stacked([best] * (len(names) + 1)), seeds)[0][0]
+    first, (scores, upper, _) = best, _measured(objective, stacked([best] * (len(names) + 1)), seeds)
+    base, allowed = scores[0], max(limit, float(upper[0]))
     floor = float(_worst(objective, stacked([best]), seeds)[0]) * (1.0 - _CLOSE)
     while left := [name for name in names if float(getattr(best, name)) != float(getattr(current, name))]:
         trials = [replace(best, **{name: float(getattr(current, name))}) for name in left]
         trials += [first] * (len(names) + 1 - len(trials))  # of one size: one program
-        scores, upper = _measured(objective, stacked(trials), seeds)
+        scores, upper, _ = _measured(objective, stacked(trials), seeds)
         lowest = _worst(objective, stacked(trials), seeds)
         fine = [
             k for k in range(len(left))
-            if (scores[k] - base).mean().given.high >= 0.0 and upper[k] <= limit and lowest[k] >= floor
+            if (scores[k] - base).mean().given.high >= 0.0 and upper[k] <= allowed and lowest[k] >= floor
         ]  # fmt: skip
         if not fine:
             break

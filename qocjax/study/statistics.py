@@ -107,20 +107,29 @@ def relative(values: ArrayLike, others: ArrayLike, units: np.ndarray | None = No
     return paired(ratio + a / b.mean(), ratio * b / b.mean(), units=units)
 
 
-def share(hits: ArrayLike, units: np.ndarray | None = None, confidence: float = 0.95) -> Estimate:
+def share(
+    hits: ArrayLike, units: np.ndarray | None = None, confidence: float = 0.95, like: ArrayLike | None = None
+) -> Estimate:
     """Share of seeds [S] in which something happened, with Clopper and Pearson's interval.
 
     Where seeds share units it is that of as many independent seeds as have the same error, less for the few units that
-    it is known from (Korn and Graubard, 1998); where it happened never or always, of as many as there are units.
+    it is known from (Korn and Graubard, 1998). Where it happened never or always its own error says nothing: then that
+    of other values of the same runs does, and without any only units count.
+
+    Args:
+        hits: Whether it happened, by seed.
+        units: [S] Labels of the seeds, see `standard_error`.
+        confidence: Of the interval.
+        like: [S] What else the runs of these seeds gave, such as their QoC.
 
     Raises:
         ValueError: Fewer than two seeds or units.
     """
     found = np.asarray(hits, np.float64)
     mean, of, known = float(found.mean()), float(found.size), _grouped(units, found.size)[0]
-    plain, se = float(standard_error(found)), float(standard_error(found, units=units))
+    se = float(standard_error(found, units=units))
     if known < found.size:
-        of = min(of, of * (plain / se) ** 2) if se > 0.0 else known
+        of = _effective(found if se > 0.0 or like is None else np.asarray(like, np.float64), units, known)
         of = max(of * (student(found.size) / student(known)) ** 2, 1.0)
     tail, count = (1.0 - confidence) / 2.0, mean * of
     low = float(special.betaincinv(count, of - count + 1.0, tail)) if count > 0.0 else 0.0
@@ -166,6 +175,12 @@ def bootstrap_weights(size: int, units: Sequence[int] | np.ndarray | None, count
         return shares
     widen = np.sqrt(known / (known - 1)) * student(known) / special.ndtri(0.975)
     return 1.0 / size + (shares - 1.0 / size) * widen
+
+
+def _effective(values: np.ndarray, units: np.ndarray | None, known: int) -> float:
+    """How many independent seeds tell the mean of values as well; no more than there are, no fewer than units."""
+    plain, se = float(standard_error(values)), float(standard_error(values, units=units))
+    return float(np.clip(values.size * (plain / se) ** 2, known, values.size)) if se > 0.0 else float(known)
 
 
 def unpaired(

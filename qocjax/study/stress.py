@@ -31,8 +31,12 @@ GROWTHS = (1.0, 1.05, 1.15, 1.3, 1.5, 2.0, 3.0)  # of all loop times, the deadli
 def of_runs(runs: xr.Dataset, k: int, units: np.ndarray | None = None) -> dict[str, float]:
     """What else is said of the k-th design of some runs, with 95 % intervals; `units` as of `units_of`."""
     auc = runs["auc"].values[k].astype(float)
-    cost = estimate(np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1), units=units)
-    collided, last = share_of(runs["collided"].values[k], units), runs["arrival_time"].values[k].max(axis=-1)
+    costs = np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1)
+    cost = estimate(costs, units=units)
+    collided, last = (
+        share_of(runs["collided"].values[k], units, like=costs),
+        runs["arrival_time"].values[k].max(axis=-1),
+    )
     return {
         "auc": cost.mean, "auc_low": cost.low, "auc_high": cost.high,
         "collision_share": collided.mean, "collision_low": collided.low, "collision_high": collided.high,

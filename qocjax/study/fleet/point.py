@@ -48,7 +48,7 @@ def point_of(study: Study, problem: Problem) -> Point:
     collided = study.evaluation["collided"].values[k].astype(bool)
     load = load_of(problem.scenario, float(design.tau))  # type: ignore[arg-type]
     share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)
-    hits = share_of(collided, units)
+    hits = share_of(collided, units, like=judged.values)
     row: dict[str, Any] = {
         "robots": robots, "tau": float(np.asarray(design.tau)), "deadline": deadline,
         **judged.mean().columns("qoc"),

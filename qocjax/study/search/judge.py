@@ -52,7 +52,7 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | N
     found = [measure.interval(scores[k]).columns("score") for k in range(count)]
     table = pd.concat([table, pd.DataFrame(found)], axis=1)
     table["qoc"] = scores.values.mean(axis=1)
-    shares = [share(row, scores.units) for row in collided]
+    shares = [share(row, scores.units, like=like) for row, like in zip(collided, scores.values, strict=True)]
     table["collision_share"] = collided.mean(axis=1)
     table["collision_low"], table["collision_high"] = [s.low for s in shares], [s.high for s in shares]
     table["reliability"], table["reliability_se"] = problem.objective.reliability(table["deadline"], table["tau"])
