@@ -72,6 +72,10 @@ def _decision(advice: Advice) -> list[str]:
     else:
         why = "it breaks the limit on" if advice.verdict == "unsafe" else "fresh seeds do not show that it keeps"
         lines = [f"NO RECOMMENDATION: {why} collisions. The closest that was found: {head}", f"  {values}"]
+        if row["collision_share"] == 0:
+            lines.append(
+                "  None of the fresh runs collides, but so small a limit cannot be shown from what was measured."
+            )
     if advice.kept:
         lines.append("  * stays as you have it: changing it gains nothing that can be told")
     lines.append(f"  QoC {row['gain']:+.4f} [{row['gain_low']:+.4f}, {row['gain_high']:+.4f}] over yours, "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import importlib.util
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,10 +15,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from hydra import compose, initialize_config_dir
 
 from qocjax import Design, Rules
+from qocjax.config import conf_dir, load
+from qocjax.config.study import StudyConfig
 from qocjax.nav2 import Change, advised, fact, facts, merged, nav2_text, read_params, stack_options, to_options
 from qocjax.nav2.advised import setting
+from qocjax.nav2.command_line import with_nav2
 from qocjax.nav2.document import Document
 from qocjax.nav2.known import CRITICS, DWB, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL
 from qocjax.navigation import critics, path_critics
@@ -76,6 +81,7 @@ DOUBLES = {each.name for each in facts() if each.type.startswith("double")}
 def advice(tau: float = 0.1, deadline: float = 0.3, v_max: float = 0.7, omega_max: float = 1.4) -> SimpleNamespace:
     """What of an advice becomes parameters."""
     return SimpleNamespace(
+        verdict="recommended",
         recommended=Design(tau=tau, deadline=deadline, v_max=v_max, omega_max=omega_max),
         judged=pd.DataFrame({"age_peak_p99": [0.9, 0.62]}), network={"name": "5g"},
         character={"percentiles_ms": {"p50": 120.0}, "reliability": 0.97, "p99_miss_run": 3},
@@ -332,3 +338,39 @@ def test_the_parser_of_ros_takes_every_file(tmp_path: Path) -> None:
             assert accepts(path)
     path.write_text("a:\n  ros__parameters:\n    b: [1, 0.0]\n")
     assert not accepts(path)
+
+
+def test_a_file_on_the_command_line_stands_for_options(tmp_path: Path) -> None:
+    """What is given by hand comes after it and wins; the stack's own values are taken with the stack alone."""
+    path = tmp_path / "nav2_params.yaml"
+    path.write_text(
+        "controller_server:\n  ros__parameters:\n    controller_frequency: 25.0\n    controller_plugins: [FollowPath]\n"
+        "    FollowPath:\n      plugin: nav2_mppi_controller::MPPIController\n      vx_max: 0.4\n      wz_max: 1.5\n"
+        "      time_steps: 40\n      critics: [NewCritic]\n",
+        encoding="utf-8",
+    )
+    given = [f"nav2={path}", "robot.v_max=0.3"]
+    found, notes = with_nav2(given)
+    assert found == ["loop.tau=0.04", "robot.v_max=0.4", "robot.omega_max=1.5", *given]
+    assert notes[0] == f"{path} sets loop.tau=0.04, robot.v_max=0.4, robot.omega_max=1.5"
+    assert any("NewCritic" in note and "left alone" in note for note in notes[1:])
+    stack, _ = with_nav2([*given, "controller=navigation"])
+    assert "controller.mppi.time_steps=40" in stack
+    assert with_nav2(["sweep=kappa"]) == (["sweep=kappa"], []) and with_nav2(["nav2=null"]) == (["nav2=null"], [])
+    with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        config = load(StudyConfig, compose("sweep", found))
+    assert (config.loop.tau, config.robot.v_max, config.robot.omega_max) == (0.04, 0.3, 1.5)
+
+
+def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+    options = ["nav2=none.yaml", f"hydra.run.dir={tmp_path}"]
+    done = subprocess.run([sys.executable, "-m", "qocjax.sweep", *options], capture_output=True, text=True)
+    assert done.returncode == 2 and done.stderr.startswith("error: ") and "none.yaml" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_what_is_not_recommended_says_so_first() -> None:
+    for verdict, words in (("unsafe", "collisions break their limit"), ("not shown", "does not show")):
+        text = nav2_text(SimpleNamespace(**{**vars(advice()), "verdict": verdict}), Rules())  # type: ignore[arg-type]
+        assert "# NOT RECOMMENDED: " in text.split("controller_server")[0] and words in text
+    assert "NOT RECOMMENDED" not in nav2_text(advice(), Rules())  # type: ignore[arg-type]

@@ -50,11 +50,19 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None) ->
     return whole.replace("\n", "\r\n") if windows else whole
 
 
+_WARNINGS = {
+    "recommended": "",
+    "not shown": "# NOT RECOMMENDED: simulation does not show that collisions keep their limit with it.\n",
+    "unsafe": "# NOT RECOMMENDED: collisions break their limit in simulation.\n",
+}
+
+
 def _head(advice: Advice, best: Set) -> str:
     return (
         f"# From qocjax.advise, for the network {advice.network.get('name', '')!r}: deadline "
         f"{1e3 * best.deadline:.4g} ms, by which {advice.character['reliability']:.1%} of the loops complete,\n"
         f"# at a sampling period of {1e3 * best.tau:.4g} ms. Notes on what has no parameter are at the end.\n"
+        + _WARNINGS[advice.verdict]
     )
 
 

@@ -199,7 +199,7 @@ def _judge(
         line = {"what": what, "deadline": at, "reliability": float(share), "reliability_se": float(error)}
         gain, cost = (scores[k] - scores[0]).mean(), (scores[k] - scores[3]).mean()
         line |= scores[k].mean().columns("qoc") | gain.columns("gain") | cost.columns("beyond")
-        table.append(line | of_runs(runs, k, scores.units))
+        table.append(line | of_runs(runs, k, scores))
     tied = []
     for k in range(len(named) - 1, len(scores.values)):
         gap = (scores[k] - scores[3]).mean()

@@ -28,13 +28,14 @@ __all__ = ["GROWTHS", "largest_growth", "of_runs", "on_network", "stress_table",
 GROWTHS = (1.0, 1.05, 1.15, 1.3, 1.5, 2.0, 3.0)  # of all loop times, the deadline kept
 
 
-def of_runs(runs: xr.Dataset, k: int, units: np.ndarray | None = None) -> dict[str, float]:
-    """What else is said of the k-th design of some runs, with 95 % intervals; `units` as of `units_of`."""
+def of_runs(runs: xr.Dataset, k: int, scores: Scores) -> dict[str, float]:
+    """What else is said of the k-th design of some runs, with 95 % intervals; `scores` are those of all designs."""
+    units, usual = scores.units, scores.values.mean(axis=0)
     auc = runs["auc"].values[k].astype(float)
     costs = np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1)
     cost = estimate(costs, units=units)
     collided, last = (
-        share_of(runs["collided"].values[k], units, like=costs),
+        share_of(runs["collided"].values[k], units, like=usual),
         runs["arrival_time"].values[k].max(axis=-1),
     )
     return {
@@ -108,7 +109,7 @@ def stress_table(
             {"what": what, "deadline": float(np.asarray(chosen.deadline)), "reliability": float(share),
              "reliability_se": float(error)}
             | scores[0].mean().columns("qoc") | (scores[0] - base).mean().columns("change")
-            | of_runs(runs, 0, scores.units)
+            | of_runs(runs, 0, scores)
         )  # fmt: skip
         for k, name in enumerate(others, start=1):
             table[-1] |= {
