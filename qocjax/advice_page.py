@@ -66,7 +66,9 @@ def _decision(advice: Advice) -> list[str]:
     )
     collisions = (f"collisions in {row['collision_share']:.1%} [{row['collision_low']:.1%}, "
                   f"{row['collision_high']:.1%}] of the runs, {advice.max_collision_share:.1%} allowed")  # fmt: skip
-    head = f"deadline {_ms(best.deadline)} ms at tau {_ms(best.tau)} ms (kept)"
+    own = _ms(advice.current.tau)
+    kept = " (kept)" if _ms(best.tau) == own else f", yours {own} ms"
+    head = f"deadline {_ms(best.deadline)} ms at tau {_ms(best.tau)} ms{kept}"
     if advice.verdict == "recommended":
         lines = [f"SET THIS: {head}", f"  {values}"]
     else:

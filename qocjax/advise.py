@@ -40,11 +40,12 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
     """
     config.surrogate_only()
     options, network = config.advise, config.build_network()
-    config.check_rate(network, config.loop.tau)
+    taus = [ms / 1e3 for ms in options.tau_ms]
+    config.check_rate(network, min([config.loop.tau, *taus]))
     advice = advise(
         config.build_scenario(), network, config.current(), config.bounds(),
         rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
-        max_collision_share=options.max_collision_share, how=options.objective,
+        max_collision_share=options.max_collision_share, how=options.objective, taus=taus,
         effort=config.effort(), asked=config.asked(), scale=config.scale(),
     )  # fmt: skip
     if folder is not None:

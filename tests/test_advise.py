@@ -27,11 +27,12 @@ from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
 from qocjax.network import Edge, GilbertElliott, Leg, Load, LoopNetwork, Trace, TruncatedNormal, with_edge
-from qocjax.study.advice import Advice, _answer, plain
+from qocjax.study.advice import Advice, plain
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.margins import Bound, Margin
 from qocjax.study.sensitivity import Box
 from qocjax.study.shortlist import Effort, shortlist
+from qocjax.study.verdict import answer_of
 
 LATE = Design(tau=0.1, deadline=0.7)
 LOAD = Load(40, 2, 0.1)
@@ -266,7 +267,7 @@ def test_whether_the_present_deadline_may_stay(advice: Advice) -> None:
     margin = Margin(0.05, 0.3, 0.6, Bound(0.2, 0.2, 0.2, False), Bound(0.4, 0.4, 0.4, False))
 
     def answer(deadline: float, low: float, high: float) -> str:
-        return _answer(pd.Series({"deadline": deadline, "collision_low": low, "collision_high": high}), margin, 0.05)
+        return answer_of(pd.Series({"deadline": deadline, "collision_low": low, "collision_high": high}), margin, 0.05)
 
     assert answer(0.3, 0.0, 0.04) == "yes" and answer(0.3, 0.0, 0.06) == "not shown"
     assert answer(0.3, 0.06, 0.2) == answer(0.7, 0.06, 0.2) == "no: collisions" and answer(0.7, 0.0, 0.0) == "no: QoC"
@@ -291,3 +292,13 @@ def test_a_cliff_is_said(advice: Advice) -> None:
     calm = page(replace(advice, growth=Bound(3.0, 3.0, 3.0, True)))
     assert "may grow by more than a factor of 3 (surely 3) before" in calm
     assert "[5%, 200% or more]" in page(replace(advice, growth=Bound(1.1, 1.05, 3.0, False, False, True)))
+
+
+def test_the_sampling_period_is_chosen_where_others_are_allowed(composer: None) -> None:
+    """On an edge with one worker per robot a period of half a second leaves a robot with few commands."""
+    options = [*SMALL, "advise.margins.points=0", "advise.margins.delays=0"]
+    found = run(load(AdviseConfig, compose("advise", [*options, "loop.tau=0.5", "advise.tau_ms=[100]"])))
+    assert float(found.recommended.tau) == 0.1 and float(found.current.tau) == 0.5
+    assert "at tau 100 ms, yours 500 ms" in page(found) and "tau" not in found.kept
+    with pytest.raises(ValueError, match="taus: got"):
+        run(load(AdviseConfig, compose("advise", [*options, "advise.tau_ms=[0]"])))

@@ -39,6 +39,7 @@ class AdviseOptions(Part):
     longest_deadline_ms: float
     max_collision_share: float
     objective: str
+    tau_ms: list[float]
     bounds: BoundsConfig
     slowest: float | None
     points: int

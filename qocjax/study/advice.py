@@ -16,28 +16,23 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
 from qocjax.study.actuation import Otherwise, otherwise
+from qocjax.study.advice_tables import curves_of, judged_of
 from qocjax.study.capacity import at_once_text
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
 from qocjax.study.edges import at_bounds
-from qocjax.study.margins import Bound, Margin, deadline_margin
+from qocjax.study.margins import Bound, Margin
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.policies import MIN_RELIABILITY
 from qocjax.study.reliability import load_of
-from qocjax.study.robust import OBJECTIVES, Chosen, choose
-from qocjax.study.search import stacked
+from qocjax.study.robust import OBJECTIVES, choose
 from qocjax.study.sensitivity import Box, elasticities, sobol
-from qocjax.study.shortlist import NAMES, Effort, along_deadlines, shortlist
+from qocjax.study.shortlist import Effort, shortlist
 from qocjax.study.slack import Asked, Slack, find_slack
-from qocjax.study.stress import largest_growth, of_runs, stress_table
+from qocjax.study.stress import largest_growth, stress_table
 from qocjax.study.units import seeds_apart, trace_remark
+from qocjax.study.verdict import answer_of, policy_of, verdict_of
 
-__all__ = ["ANSWERS", "VERDICTS", "Advice", "advise", "plain"]
-
-VERDICTS = ("recommended", "not shown", "unsafe")
-"""Of a design: it keeps the limit on collisions; fresh seeds do not show that it does; they show that it does not."""
-
-ANSWERS = ("yes", "no: QoC", "no: collisions", "not shown")
-"""Whether what one has may stay."""
+__all__ = ["Advice", "advise", "plain"]
 
 
 @dataclass(frozen=True)
@@ -86,6 +81,7 @@ def advise(
     longest_deadline: float = 0.8,
     max_collision_share: float = 0.01,
     how: str = "robust",
+    taus: Sequence[float] = (),
     effort: Effort | None = None,
     scale: QocScale | None = None,
     asked: Asked | None = None,
@@ -95,13 +91,14 @@ def advise(
     Args:
         scenario: Robots and yardstick.
         network: Where loop times come from.
-        current: Numbers; its tau stays, its deadline is what one uses now.
+        current: Numbers; its deadline is what one uses now, its tau stays unless others are given.
         bounds: Parameters that may change, with their bounds.
         rules: Actuation and hold.
         key: Root of all random numbers.
         longest_deadline: Longest deadline to consider (s).
         max_collision_share: Largest share of runs in which robots may come closer than two radii.
         how: What is maximised, of `robust.OBJECTIVES`.
+        taus: Further sampling periods to choose from (s).
         effort: How much to simulate for the recommendation.
         scale: J_med and J_max; by default J_med of the current gains over the deadlines tried.
         asked: Which margins to work out.
@@ -114,21 +111,23 @@ def advise(
     _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
     _checks.bounded("margins.delay", asked.delay or 0.0, most=longest_deadline)
     _checks.choice("advise.objective", how, OBJECTIVES)
-    load = load_of(scenario, float(np.asarray(current.tau)))
-    box, axis = Box(current, bounds), candidate_deadlines(network, load, longest_deadline)
+    box, axis = Box(current, bounds), _axis(scenario, network, current, longest_deadline)
+    periods = np.unique(np.append(_checks.bounded("taus", taus, above=0), float(np.asarray(current.tau))))
     counts = [effort.rounds[-1], effort.fresh_seeds, effort.fresh_seeds]
-    search, choice, fresh = seeds_apart(network, key, counts, scenario.horizon, current.tau)
+    search, choice, fresh = seeds_apart(network, key, counts, scenario.horizon, periods)
     fine = np.unique(np.concatenate([axis, np.geomspace(axis[0], longest_deadline, 12)]))
     pilot = [0.0, *fine.tolist()]  # from a deadline at which hardly a robot moves: the worst that can happen
     few = search[: effort.rounds[0]]
     scale = scale or pilot_scale(scenario, network, current, pilot, few, rules=rules, key=key)
     objective = Objective(scenario, network, scale, rules, key, simulations=len(pilot) * len(few))
-    finalists = shortlist(objective, box, axis, max_collision_share, effort, search)
-    found = choose(objective, finalists, current, list(bounds), max_collision_share, longest_deadline, choice, how)
+    finalists = _shortlists(objective, box, periods, longest_deadline, max_collision_share, effort, search)
+    names = [*bounds, *(["tau"] if periods.size > 1 else [])]
+    found = choose(objective, finalists, current, names, max_collision_share, longest_deadline, choice, how)
     best, deadline = found.design, float(np.asarray(found.design.deadline))
-    judged, ties = _judge(objective, found, current, fresh)
+    load, axis = load_of(scenario, float(np.asarray(best.tau))), _axis(scenario, network, best, longest_deadline)
+    judged, ties = judged_of(objective, found, current, fresh)
     part, some = fresh[: asked.seeds], fresh[: max(asked.seeds, len(fresh) // 4)]
-    curve, margins = _curves(objective, best, current, fine, some, asked.share, max_collision_share)
+    curve, margins = curves_of(objective, best, current, fine, some, asked.share, max_collision_share)
     names = [name for name in (*bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
     return Advice(
         network=network.describe(),
@@ -136,19 +135,19 @@ def advise(
         trace=trace_remark(network, best.deadline, scenario.horizon, best.tau) or "",
         capacity=at_once_text(network, load, deadline),
         recommended=best,
-        verdict=_verdict(found.safe, judged.iloc[-1], max_collision_share),
+        verdict=verdict_of(found.safe, judged.iloc[-1], max_collision_share),
         objective=how,
         by_mean=found.by_mean,
         kept=found.kept,
         at_edge=at_bounds(
             asdict(best),
             {name: ends for name, ends in bounds.items() if name not in found.kept},
-            {"deadline": axis.tolist()},
+            {"deadline": axis.tolist(), "tau": periods.tolist()},
         ),
         current=current,
-        acceptable=_answer(judged.iloc[0], margins[1], max_collision_share),
+        acceptable=answer_of(judged.iloc[0], margins[1], max_collision_share),
         max_collision_share=max_collision_share,
-        policy=_policy(float(np.asarray(current.deadline)), margins[1]),
+        policy=policy_of(float(np.asarray(current.deadline)), margins[1]),
         judged=judged,
         stress=stress_table(objective, best, {"current": current, "by_mean": found.by_mean}, fresh),
         ties=ties,
@@ -167,81 +166,36 @@ def advise(
     )
 
 
-def _verdict(safe: bool, row: pd.Series, limit: float) -> str:
-    """Whether a choice that kept the limit keeps it on fresh seeds, even at the upper end of its collision share."""
-    if safe and row["collision_high"] <= limit:
-        return "recommended"
-    return "unsafe" if row["collision_low"] > limit else "not shown"
+def _axis(scenario: Scenario, network: Network, design: Design, longest: float) -> np.ndarray:
+    """Deadlines worth a try (s) at the sampling period of a design."""
+    return candidate_deadlines(network, load_of(scenario, float(np.asarray(design.tau))), longest)
 
 
-def _answer(row: pd.Series, margin: Margin, limit: float) -> str:
-    """Whether the current design may stay: within its margin of QoC, and within the limit on collisions."""
-    if row["collision_low"] > limit:
-        return "no: collisions"
-    if _policy(float(row["deadline"]), margin) != "Co-design":
-        return "no: QoC"
-    return "yes" if row["collision_high"] <= limit else "not shown"
-
-
-def _judge(
-    objective: Objective, found: Chosen, current: Design, seeds: Sequence[int]
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The table of what is compared, and the designs tied with the recommended, on fresh seeds."""
-    middle = replace(current, deadline=found.design.deadline)
-    designs = stacked([current, middle, found.by_mean, found.design, found.others])
-    runs = objective.runs(designs, seeds)
-    scores = objective.judged(runs)
-    named = ("current", "current gains, recommended deadline", "best by the mean alone", "recommended")
-    table = []
-    for k, what in enumerate(named):
-        at, tau = (float(np.asarray(values)[k]) for values in (designs.deadline, designs.tau))
-        share, error = objective.reliability(at, tau)
-        line = {"what": what, "deadline": at, "reliability": float(share), "reliability_se": float(error)}
-        gain, cost = (scores[k] - scores[0]).mean(), (scores[k] - scores[3]).mean()
-        line |= scores[k].mean().columns("qoc") | gain.columns("gain") | cost.columns("beyond")
-        table.append(line | of_runs(runs, k, scores))
-    tied = []
-    for k in range(len(named) - 1, len(scores.values)):
-        gap = (scores[k] - scores[3]).mean()
-        if gap.given.high >= 0.0:
-            values = {name: float(np.asarray(getattr(designs, name))[k]) for name in NAMES}
-            tied.append(values | {"qoc": float(scores[k].values.mean())} | gap.columns("difference"))
-    return pd.DataFrame(table), pd.DataFrame(tied).drop_duplicates(NAMES, ignore_index=True)
-
-
-def _curves(
+def _shortlists(
     objective: Objective,
-    best: Design,
-    current: Design,
-    axis: np.ndarray,
-    seeds: Sequence[int],
-    share: float,
+    box: Box,
+    periods: np.ndarray,
+    longest: float,
     limit: float,
-) -> tuple[pd.DataFrame, tuple[Margin, Margin]]:
-    """QoC and collisions over the deadline for both gains, and the margin of each: within it both are kept."""
-    axis = np.union1d(axis, [float(np.asarray(best.deadline))])
-    designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
-    runs = objective.runs(designs, seeds)
-    scores, close = objective.judged(runs), runs["collided"].values.mean(axis=1)
-    rows = {"recommended": slice(0, axis.size), "current": slice(axis.size, None)}
-    known = objective.reliability(axis, best.tau)
-    table: dict[str, Any] = {"deadline": axis, "reliability": known.share, "reliability_se": known.error}
-    margins = []
-    for name, which in rows.items():
-        found = [one.mean().given for one in (scores[which][k] for k in range(axis.size))]
-        table |= {f"qoc_{name}": [e.mean for e in found], f"qoc_{name}_low": [e.low for e in found],
-                  f"qoc_{name}_high": [e.high for e in found], f"collision_{name}": close[which]}  # fmt: skip
-        allowed = np.where(close[which, None] <= max(limit, close[which].min()), scores.values[which], 0.0)
-        margins.append(deadline_margin(axis, allowed, share, scores.units))
-    return pd.DataFrame(table), (margins[0], margins[1])
+    effort: Effort,
+    search: Sequence[int],
+) -> list[Design]:
+    """Finalists at each sampling period (s); without those periods at which no design keeps the limit on collisions.
 
-
-def _policy(deadline: float, margin: Margin) -> str:
-    """Which policy a deadline amounts to: within the margin of its gains Co-design, before MinDelay, after MaxRel."""
-    low, high = (bound.value if bound.value is not None else margin.best for bound in (margin.low, margin.high))
-    if deadline < low * (1 - 1e-9):
-        return "MinDelay"
-    return "MaxRel" if deadline > high * (1 + 1e-9) else "Co-design"
+    Raises:
+        ValueError: None does at any.
+    """
+    found, failed = [], []
+    for tau in periods.tolist():
+        here = replace(box, baseline=replace(box.baseline, tau=tau))
+        try:
+            axis = _axis(objective.scenario, objective.network, here.baseline, longest)
+            found.append(shortlist(objective, here, axis, limit, effort, search))
+        except ValueError as error:
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    return found
 
 
 def _policies(network: Network, load: Load, best: Design, longest: float) -> tuple[tuple[str, float, float], ...]:

@@ -42,7 +42,7 @@ class Chosen:
 
 def choose(
     objective: Objective,
-    finalists: Design,
+    finalists: Sequence[Design],
     current: Design,
     names: Sequence[str],
     limit: float,
@@ -54,7 +54,7 @@ def choose(
 
     Args:
         objective: The setting.
-        finalists: Of a search, best first.
+        finalists: Of one search or several, each best first.
         current: What the user has.
         names: Gains that may differ from it.
         limit: Largest share of runs with a collision, kept by the upper end of its 95 % interval.
@@ -66,7 +66,9 @@ def choose(
         ValueError: An unknown objective.
     """
     _checks.choice("advise.objective", how, OBJECTIVES)
-    pool = stacked([_with_longer(finalists, longest), *_given_back(finalists, current, names)])
+    gains = [name for name in names if name != "tau"]
+    pool = stacked([part for each in finalists
+                    for part in (_with_longer(each, longest), *_given_back(each, current, gains))])  # fmt: skip
     scores, upper, close = _measured(objective, pool, seeds)
     # Where none is shown to be safe, those that seem to be; the verdict says so.
     safe = next(each for each in (upper <= limit, close <= limit, upper <= upper.min()) if each.any())

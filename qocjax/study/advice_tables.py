@@ -1,0 +1,73 @@
+"""The tables of an advice: the designs that are compared, and QoC and collisions over the deadline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from qocjax.scenario import Design
+from qocjax.study.margins import Margin, deadline_margin
+from qocjax.study.objective import Objective
+from qocjax.study.robust import Chosen
+from qocjax.study.search import stacked
+from qocjax.study.shortlist import NAMES, along_deadlines
+from qocjax.study.stress import of_runs
+
+__all__ = ["curves_of", "judged_of"]
+
+
+def judged_of(
+    objective: Objective, found: Chosen, current: Design, seeds: Sequence[int]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The table of what is compared, and the designs tied with the recommended, on fresh seeds."""
+    middle = replace(current, deadline=found.design.deadline)
+    designs = stacked([current, middle, found.by_mean, found.design, found.others])
+    runs = objective.runs(designs, seeds)
+    scores = objective.judged(runs)
+    named = ("current", "current gains, recommended deadline", "best by the mean alone", "recommended")
+    table = []
+    for k, what in enumerate(named):
+        at, tau = (float(np.asarray(values)[k]) for values in (designs.deadline, designs.tau))
+        share, error = objective.reliability(at, tau)
+        line = {"what": what, "deadline": at, "reliability": float(share), "reliability_se": float(error)}
+        gain, cost = (scores[k] - scores[0]).mean(), (scores[k] - scores[3]).mean()
+        line |= scores[k].mean().columns("qoc") | gain.columns("gain") | cost.columns("beyond")
+        table.append(line | of_runs(runs, k, scores))
+    tied = []
+    for k in range(len(named) - 1, len(scores.values)):
+        gap = (scores[k] - scores[3]).mean()
+        if gap.given.high >= 0.0:
+            values = {name: float(np.asarray(getattr(designs, name))[k]) for name in NAMES}
+            tied.append(values | {"qoc": float(scores[k].values.mean())} | gap.columns("difference"))
+    return pd.DataFrame(table), pd.DataFrame(tied).drop_duplicates(NAMES, ignore_index=True)
+
+
+def curves_of(
+    objective: Objective,
+    best: Design,
+    current: Design,
+    axis: np.ndarray,
+    seeds: Sequence[int],
+    share: float,
+    limit: float,
+) -> tuple[pd.DataFrame, tuple[Margin, Margin]]:
+    """QoC and collisions over the deadline for both gains, and the margin of each: within it both are kept."""
+    axis = np.union1d(axis, [float(np.asarray(best.deadline))])
+    designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
+    runs = objective.runs(designs, seeds)
+    scores, close = objective.judged(runs), runs["collided"].values.mean(axis=1)
+    rows = {"recommended": slice(0, axis.size), "current": slice(axis.size, None)}
+    known = objective.reliability(axis, best.tau)
+    table: dict[str, Any] = {"deadline": axis, "reliability": known.share, "reliability_se": known.error}
+    margins = []
+    for name, which in rows.items():
+        found = [one.mean().given for one in (scores[which][k] for k in range(axis.size))]
+        table |= {f"qoc_{name}": [e.mean for e in found], f"qoc_{name}_low": [e.low for e in found],
+                  f"qoc_{name}_high": [e.high for e in found], f"collision_{name}": close[which]}  # fmt: skip
+        allowed = np.where(close[which, None] <= max(limit, close[which].min()), scores.values[which], 0.0)
+        margins.append(deadline_margin(axis, allowed, share, scores.units))
+    return pd.DataFrame(table), (margins[0], margins[1])
