@@ -104,11 +104,11 @@ def _draw_collisions(axes: Axes, above: Axes, curve: pd.DataFrame, limit: float 
         axes.axhline(100 * limit, color=GREY, ls=":", lw=1.0)
     axes.set_ylim(-4, 104)
     axes.set_xlim(above.get_xlim())
-    for axis in (axes.xaxis,):
-        axis.set_major_locator(above.xaxis.get_major_locator())
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    axes.xaxis.set_major_locator(above.xaxis.get_major_locator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     above.set_xlabel("")
+    above.tick_params(labelbottom=False)
     axes.set_xlabel(DEADLINE_LABEL)
     axes.set_ylabel("Runs with a\ncollision (%)")
 

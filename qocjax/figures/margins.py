@@ -81,10 +81,11 @@ def _label_contours(figure: Figure, axes: Axes, contours: QuadContourSet, marks:
     """Writes levels on the lines once the axes are what they will be; none where a mark or the curve would cover it."""
     figure.draw_without_rendering()
     taken = np.concatenate([_dense(axes.transData.transform(np.column_stack(mark.get_data()))) for mark in marks])
+    room, inside = _NEAR * figure.dpi / 72, axes.get_window_extent()
     for text in contours.clabel(fontsize=6.5, fmt="%.3g", colors="w"):
-        place = axes.transData.transform(text.get_position())
-        near = float(np.hypot(*(taken - place).T).min()) < _NEAR * figure.dpi / 72
-        text.set_visible(not near)
+        x, y = place = axes.transData.transform(text.get_position())
+        cut = min(x - inside.x0, inside.x1 - x, y - inside.y0, inside.y1 - y) < 0.7 * room
+        text.set_visible(not cut and float(np.hypot(*(taken - place).T).min()) >= room)
 
 
 def _dense(points: np.ndarray) -> np.ndarray:
