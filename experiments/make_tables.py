@@ -43,7 +43,8 @@ def main() -> None:
     """Runs what is named, or all."""
     data = Path(os.environ.get("QOCJAX_DATA", ROOT / ".." / "shared" / "data"))
     RESULTS.mkdir(exist_ok=True)
-    every = sorted(path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml") if path.stem != "ci")
+    names = [path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")]
+    every = sorted(name for name in names if name != "ci" and not name.startswith("fleet"))  # of another command
     for name in sys.argv[1:] or every:
         if name in MEASURED and not data.is_dir():
             print(f"{name}: no measured data at {data}, left out")

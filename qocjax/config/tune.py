@@ -121,12 +121,12 @@ class TuneConfig(SimulationConfig):
                     f"tune.bounds.{name}: got {pair}, but tune.wrt is [{', '.join(self.tune.wrt)}]: {name} is not tuned"
                 )
         for name in set(self.tune.wrt) & set(given):
-            most = self.robot.limit(name)
-            if most is not None and given[name][0] >= most:
-                raise ValueError(
-                    f"tune.bounds.{name}: got {given[name]}, expected [low, high] below the robot's {most:g}"
-                )
-            given[name] = [given[name][0], min(given[name][1], most if most is not None else np.inf)]
+            most, pair = self.robot.limit(name), given[name]
+            if most is None or len(pair) != 2:
+                continue  # `Bounds` says what is wrong with the pair
+            if pair[0] >= most:
+                raise ValueError(f"tune.bounds.{name}: got {pair}, expected [low, high] below the robot's {most:g}")
+            given[name] = [pair[0], min(pair[1], most)]
         return Bounds(self.tune.wrt, given)
 
     def build_search(self) -> Search:
