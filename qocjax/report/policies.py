@@ -89,8 +89,8 @@ def limit_notes(policies: pd.DataFrame) -> str:
     if not found["within_limit"].all():
         text = (
             '<p><strong class="warn">Not to be driven</strong> are the rows whose collisions stand out: on fresh seeds '
-            "the upper 95 % limit of their share breaks what is allowed (<code>max_collision_share</code>). Where no "
-            "design of a policy keeps it, the row is what the policy takes without a limit.</p>"
+            "the upper 95 % limit of their share breaks what is allowed (<code>max_collision_share</code>). Where "
+            "these seeds do not bear out a policy's safer choice, the row is what it takes without a limit.</p>"
         )
     moved = found[(found["unconstrained_value"] != found["value"])
                   | (found["unconstrained_deadline"] != found["deadline"])]  # fmt: skip

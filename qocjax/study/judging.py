@@ -10,44 +10,16 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
-from qocjax.study.choosing import Pick, places_of
+from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
-from qocjax.study.grid import Grid
 from qocjax.study.parts import PartRuns
 from qocjax.study.scores import Scores
 from qocjax.study.statistics import Estimate, estimate, share
 
-__all__ = ["judged_policies", "settled"]
+__all__ = ["judged_policies"]
 
 _FREE = ("value", "deadline", "qoc", "qoc_se", "collision_share")
 _NOTHING = Estimate(np.nan, np.nan, np.nan, np.nan)
-
-
-def settled(
-    chosen: Sequence[Pick], grid: Grid, evaluation: PartRuns, units: np.ndarray, limit: float | None
-) -> list[Pick]:
-    """The choices after a look at fresh seeds: MinDelay and MaxRel take no other design for nothing.
-
-    Where fresh seeds do not bear out that their choice keeps the limit on collisions, they are what they are in the
-    paper, without a limit. Co-design keeps what it chose: it is the nearest to a recommendation that there is.
-
-    Args:
-        chosen: From `picks`.
-        grid: Rows of the results.
-        evaluation: Runs of the designs of `places_of`, in its order.
-        units: [S] Labels of the fresh seeds, see `units_of`.
-        limit: Largest share of runs with a collision; None for none.
-    """
-    if limit is None:
-        return list(chosen)
-    places = places_of(chosen, grid)
-    hits = evaluation.runs["collided"].values
-    found = []
-    for pick in chosen:
-        borne_out = pick.kept and share(hits[places[pick.row]], units).high <= limit  # type: ignore[index]
-        back = not borne_out and pick.policy != "Co-design"
-        found.append(pick._replace(row=pick.free, kept=False) if back else pick)
-    return found
 
 
 def judged_policies(
@@ -58,12 +30,15 @@ def judged_policies(
     scale: QocScale,
     units: np.ndarray,
     limit: float | None = None,
-) -> pd.DataFrame:
-    """A row per sweep and policy.
+) -> tuple[pd.DataFrame, list[Pick]]:
+    """A row per sweep and policy, and the choices that the rows are.
+
+    Where fresh seeds do not bear out that a choice keeps the limit on collisions, the row is what the policy takes in
+    the paper, without a limit: what seemed safe is often a robot that hardly moves.
 
     Args:
         results: On the seeds of the choice.
-        chosen: From `settled`.
+        chosen: From `picks`.
         places: Place of each chosen row among the runs, from `places_of`.
         evaluation: Runs of the judged designs.
         scale: Of the QoC.
@@ -76,6 +51,7 @@ def judged_policies(
         with `unconstrained_`, what the policy takes without it.
     """
     shown = _Shown(evaluation, Scores.of(_auc(evaluation), scale, units))
+    chosen = [shown.settled(pick, places, limit) for pick in chosen]
     base = {pick.sweep: pick.row for pick in chosen if pick.policy == "Co-design"}
     table = []
     for pick in chosen:
@@ -97,7 +73,7 @@ def judged_policies(
             line["error"] = evaluation.failed[place]
         table.append(line)
     frame = pd.DataFrame(table)
-    return frame.fillna({"error": ""}) if "error" in frame else frame
+    return (frame.fillna({"error": ""}) if "error" in frame else frame), chosen
 
 
 class _Shown:
@@ -107,6 +83,13 @@ class _Shown:
         self.runs: xr.Dataset = part.runs
         self.failed = part.failed
         self.scores = scores
+
+    def settled(self, pick: Pick, places: Mapping[int, int], limit: float | None) -> Pick:
+        """A choice that fresh seeds bear out, or what the policy takes without a limit."""
+        if limit is None or pick.row is None:
+            return pick
+        borne_out = pick.kept and self.metrics(places[pick.row])["collision_high"] <= limit
+        return pick if borne_out else pick._replace(row=pick.free, kept=False)
 
     def metrics(self, place: int | None) -> dict[str, Any]:
         """What is said of a design; NaN for none and for one of which runs are missing."""

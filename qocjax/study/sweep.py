@@ -22,7 +22,7 @@ from qocjax.study.choosing import picks, places_of
 from qocjax.study.chunks import CHUNK_STEPS, Engine, Part, Problem
 from qocjax.study.engine import LocalEngine
 from qocjax.study.grid import Grid
-from qocjax.study.judging import judged_policies, settled
+from qocjax.study.judging import judged_policies
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, min_delay
 from qocjax.study.reliability import reliability_of
@@ -179,8 +179,7 @@ def study_of(
     if not len(places):
         raise ValueError("policies: got no design that neither diverged nor failed, expected at least one to choose")
     second = run_part(problem, Part("evaluation", evaluation, tuple(places.tolist())), *rest)
-    chosen = settled(chosen, grid, second, units[1], max_collision_share)
-    policies = judged_policies(results, chosen, at, second, scale, units[1], max_collision_share)
+    policies, chosen = judged_policies(results, chosen, at, second, scale, units[1], max_collision_share)
     policies = policies.join(
         pd.DataFrame(tie_columns(first.runs, grid, results, chosen, scale, units[0], max_collision_share))
     )
