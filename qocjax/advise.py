@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 
+from qocjax import _checks
 from qocjax._command import command, output_dir
 from qocjax.advice_page import page
 from qocjax.config.advise import AdviseConfig
@@ -40,6 +41,7 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
     """
     config.surrogate_only()
     options, network = config.advise, config.build_network()
+    _checks.bounded("advise.tau_ms", options.tau_ms, above=0)
     taus = [ms / 1e3 for ms in options.tau_ms]
     config.check_rate(network, min([config.loop.tau, *taus]))
     advice = advise(
