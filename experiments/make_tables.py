@@ -19,6 +19,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "experiments" / "results"
 MEASURED = ("cleave_wifi", "cicv_5g")
+OTHERS = ("ci", "navigation")  # whose tables are not kept
 CURVES = ("auc_eta", "auc_tau", "auc_delay")  # whose curve over the deadline is the figure
 CURVE_COLUMNS = ["value", "deadline", "reliability", "auc", "auc_se", "qoc", "qoc_se"]
 
@@ -44,7 +45,7 @@ def main() -> None:
     data = Path(os.environ.get("QOCJAX_DATA", ROOT / ".." / "shared" / "data"))
     RESULTS.mkdir(exist_ok=True)
     names = [path.stem for path in (ROOT / "conf" / "experiment").glob("*.yaml")]
-    every = sorted(name for name in names if name != "ci" and not name.startswith("fleet"))  # of another command
+    every = sorted(name for name in names if name not in OTHERS and not name.startswith("fleet"))  # of another command
     for name in sys.argv[1:] or every:
         if name in MEASURED and not data.is_dir():
             print(f"{name}: no measured data at {data}, left out")

@@ -24,7 +24,6 @@ from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
 from qocjax.config import conf_dir
 from qocjax.config.part import Part
-from qocjax.nav2.command_line import with_nav2
 from qocjax.store.study_folder import read_identity
 
 __all__ = ["command", "given_options", "output_dir", "printed_unit", "resumed"]
@@ -51,6 +50,8 @@ def command(
         @functools.wraps(main)
         def guarded(cfg: DictConfig) -> None:
             try:
+                if cfg.get("nav2") is not None and "nav2" not in given_options():
+                    raise ValueError(f"nav2: got {cfg.nav2} from a configuration file, expected it on the command line")
                 main(cfg)
             except (ValueError, TypeError, OSError) as error:
                 if os.environ.get("QOCJAX_TRACEBACK"):
@@ -71,10 +72,7 @@ def command(
             arguments = _expanded(sys.argv[1:], short or {})
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:
-                if nav2:
-                    arguments, notes = with_nav2(arguments)
-                    print("".join(f"note: {text}\n" for text in notes), end="", file=sys.stderr)
-                sys.argv[1:] = quoted_options(arguments)
+                sys.argv[1:] = quoted_options(_of_nav2(arguments) if nav2 else arguments)
                 _check_help(sys.argv[1:])
                 run()
             except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
@@ -100,6 +98,17 @@ def _expanded(arguments: list[str], short: dict[str, tuple[str, str]]) -> list[s
     for argument in arguments:
         name, mark, value = argument.partition("=")
         found += [short[name][0], f"{short[name][1]}={value}"] if mark and name in short else [argument]
+    return found
+
+
+def _of_nav2(arguments: list[str]) -> list[str]:
+    """The arguments with what `nav2=FILE` stands for in front; what there is to tell goes to standard error."""
+    if not any(each.startswith("nav2=") for each in arguments):
+        return arguments
+    from qocjax.nav2.command_line import with_nav2  # takes a while to import, and few commands need it
+
+    found, notes = with_nav2(arguments)
+    print("".join(f"note: {text}\n" for text in notes), end="", file=sys.stderr)
     return found
 
 

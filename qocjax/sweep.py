@@ -37,7 +37,7 @@ from qocjax.study.hanging import hanging_of
 from qocjax.study.reliability import load_of
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
-from qocjax.study.table import sound, units_of
+from qocjax.study.table import column_units, sound
 from qocjax.study.units import units_in
 from qocjax.sweep_page import page
 
@@ -155,7 +155,7 @@ def _write_tables(study: Study, folder: Path) -> dict[str, str]:
     paths = []
     for name, table in (("results", study.results), ("policies", study.policies)):
         table = table.copy(deep=False)
-        table.attrs = {"units": units_of(table), "configuration": dict(study.configuration or {})}
+        table.attrs = {"units": column_units(table), "configuration": dict(study.configuration or {})}
         paths += write_table(folder / name, table)
     return {path.name: digest_of(path) for path in paths}
 

@@ -10,7 +10,7 @@ import pandas as pd
 from qocjax.config.study import StudyConfig
 from qocjax.network import Network
 from qocjax.study import Study
-from qocjax.study.choosing import least_seeds
+from qocjax.study.choosing import least_seeds, moved_by_limit
 from qocjax.study.edges import edges_text
 from qocjax.study.reliability import share_text
 from qocjax.study.scales import scale_text
@@ -97,9 +97,7 @@ def limit_lines(policies: pd.DataFrame, limit: float | None) -> list[str]:
         if seeds < (least := least_seeds(limit)):
             lines.append(f"  {seeds} fresh seeds cannot show it, even {least} without a collision just can "
                          "(sweep.evaluation_seeds).")  # fmt: skip
-    moved = policies[(policies["unconstrained_value"] != policies["value"])
-                     | (policies["unconstrained_deadline"] != policies["deadline"])]  # fmt: skip
-    for row in moved[moved["unconstrained_qoc"].notna()].itertuples():
+    for row in moved_by_limit(policies).itertuples():
         lines.append(f"  Without the limit {row.policy} takes {row.sweep} = {row.unconstrained_value:g} at "
                      f"{1e3 * row.unconstrained_deadline:g} ms: QoC {row.unconstrained_qoc:.4f}, "
                      f"{row.unconstrained_collision_share:.0%} of the runs collide.")  # fmt: skip

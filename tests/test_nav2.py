@@ -374,3 +374,13 @@ def test_what_is_not_recommended_says_so_first() -> None:
         text = nav2_text(SimpleNamespace(**{**vars(advice()), "verdict": verdict}), Rules())  # type: ignore[arg-type]
         assert "# NOT RECOMMENDED: " in text.split("controller_server")[0] and words in text
     assert "NOT RECOMMENDED" not in nav2_text(advice(), Rules())  # type: ignore[arg-type]
+
+
+def test_a_file_that_would_not_be_read_is_refused(tmp_path: Path) -> None:
+    """Named in a configuration file it would stand for nothing: that is said, and nothing runs."""
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nnav2: my.yaml\n", encoding="utf-8")
+    options = [f"--config-dir={tmp_path}", "experiment=mine", f"hydra.run.dir={tmp_path / 'run'}"]
+    done = subprocess.run([sys.executable, "-m", "qocjax.sweep", *options], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "error: nav2: got my.yaml from a configuration file, expected it on the command line\n"

@@ -15,7 +15,7 @@ from hydra import compose, initialize_config_dir
 from matplotlib.figure import Figure
 from scipy import stats
 
-from qocjax import Design, QocScale, Scenario, evaluate
+from qocjax import Design, Scenario, evaluate
 from qocjax.config import conf_dir, load
 from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import win_map
@@ -232,9 +232,9 @@ def test_an_unknown_key_is_one_line(tmp_path: Path) -> None:
 def test_intervals_of_the_study_cover_the_long_run() -> None:
     """Over other keys, J_med being of the same runs: QoC, its difference, and both at best deadlines."""
 
-    def made(seeds: int, key: int, scale: QocScale | None = None) -> QosStudy:
+    def made(seeds: int, key: int) -> QosStudy:
         options = (topics(), PROFILES, [0.2], [4.0], [0.1, 0.2, 0.4], range(seeds))
-        return qos_study(SCENARIO, Design(tau=0.05), *options, key=key, scale=scale)
+        return qos_study(SCENARIO, Design(tau=0.05), *options, key=key)
 
     truth = made(1200, 99)
     known = truth.results.set_index(["profile", "deadline"])

@@ -12,7 +12,7 @@ from scipy import stats
 from qocjax import Design, QocScale, Scenario, evaluate, one_at_a_time, paper_network, run_study, simulate
 from qocjax.config.scale import given_scale, yardstick
 from qocjax.study.scales import measured_scale, scale_of_runs, scale_text, standing_still
-from qocjax.study.scores import difference, score, seed_scores
+from qocjax.study.scores import Scored, Scores, seed_scores
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 
@@ -53,13 +53,17 @@ def test_parts_are_the_whole() -> None:
         scale_of_runs(auc, SCENARIO, "largest")
 
 
+def score(auc: np.ndarray, scale: QocScale) -> Scored:
+    return Scores.of(auc, scale).mean()
+
+
 def test_a_given_scale_has_one_interval() -> None:
     auc = np.random.default_rng(2).gamma(3.0, 1.0, (32, 2))
     fixed, known = QocScale(3.0, 100.0), QocScale(3.0, 100.0, median_se=0.3)
     assert score(auc, fixed).whole == score(auc, fixed).given == score(auc, known).given
     slope = float((seed_scores(auc, QocScale(3.001, 100.0)) - seed_scores(auc, QocScale(2.999, 100.0))).mean()) / 0.002
     assert score(auc, known).whole.se == pytest.approx(np.hypot(score(auc, fixed).given.se, 0.3 * slope), rel=1e-3)
-    gap = difference(auc, auc, known)
+    gap = (Scores.of(auc, known) - Scores.of(auc, known)).mean()
     assert gap.given.mean == 0.0 and gap.whole.se == 0.0
 
 

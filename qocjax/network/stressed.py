@@ -16,11 +16,9 @@ from qocjax.network.completion import completes
 from qocjax.network.edge import Edge
 from qocjax.network.edge_network import EdgeNetwork, Path
 from qocjax.network.interface import Contended, Load, Network, Reliability, Serve, SharedNetwork
-from qocjax.network.trace import Trace
+from qocjax.network.trace import Trace, key_of_copy
 
-_COPY = 7919  # small numbers fold into the keys that a split gives
-
-__all__ = ["Lossier", "SlowCompute", "Stressed", "with_lost_twice", "with_slow_compute"]
+__all__ = ["LostTwice", "SlowCompute", "Stressed", "with_lost_twice", "with_slow_compute"]
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Stressed:
             return own, None
         if isinstance(self.network, Trace):  # what was measured at the same time
             return own, self.network.draw_again(key, num_ticks, num_robots, tau)
-        return own, self.network.draw(jax.random.fold_in(key, 1), num_ticks, num_robots, tau)
+        return own, self.network.draw(key_of_copy(key), num_ticks, num_robots, tau)
 
     def contend(self, drawn: tuple[Any, Any], num_ticks: Array | int, tau: Array | float, deadline: Array) -> Contended:
         """Loop times of all seeds at all deadlines; those that stay are the network's own times the factor."""
@@ -104,19 +102,10 @@ class Stressed:
 
 
 @dataclass(frozen=True)
-class SlowCompute:
-    """A path whose computations take longer: an edge that is slower or shared, or a heavier controller."""
+class _WorsePath:
+    """A path that is worse than another; what it takes from that one."""
 
     path: Path
-    factor: float
-
-    def __post_init__(self) -> None:
-        store_float(self, "factor", above=0.0)
-
-    @property
-    def name(self) -> str:
-        """Name of the path and what happened to it."""
-        return f"{self.path.name}, computing x {self.factor:g}"
 
     @property
     def alike(self) -> bool:
@@ -129,32 +118,55 @@ class SlowCompute:
         return bool(getattr(self.path, "prefix_stable", False))
 
     def draw_parts(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
-        """That of the path."""
+        """Those of the path."""
         return self.path.draw_parts(key, num_ticks, num_robots, tau)
+
+    def through(self, parts: Any, serve: Serve, tau: Array | float) -> Array:
+        """Loop times [D, S, P, N] s of the loops of some seeds (see `Path`)."""
+        raise NotImplementedError
 
     def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
         """Draws the loop times of one Monte Carlo seed without a limit of workers, [P, N] s."""
         parts = jax.tree.map(lambda leaf: leaf[None], self.draw_parts(key, num_ticks, num_robots, tau))
-        return self.through(parts, lambda uplink, compute: (uplink + compute)[None], tau)[0, 0]
+        return self.through(parts, _at_once, tau)[0, 0]
+
+    def reliability(self, deadline: Any, load: Load) -> Reliability:
+        """Estimates F(deadline) by simulating the network alone."""
+        return EdgeNetwork(self, Edge()).reliability(deadline, load)  # type: ignore[arg-type]
+
+    def describe(self) -> dict[str, Any]:
+        """Returns the network as plain values."""
+        own = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "path"}
+        return {"kind": type(self).__name__} | own | {"path": self.path.describe()}
+
+
+def _at_once(uplink: Array, compute: Array) -> Array:
+    """An edge without a limit."""
+    return (uplink + compute)[None]
+
+
+@dataclass(frozen=True)
+class SlowCompute(_WorsePath):
+    """A path whose computations take longer: an edge that is slower or shared, or a heavier controller."""
+
+    factor: float
+
+    def __post_init__(self) -> None:
+        store_float(self, "factor", above=0.0)
+
+    @property
+    def name(self) -> str:
+        """Name of the path and what happened to it."""
+        return f"{self.path.name}, computing x {self.factor:g}"
 
     def through(self, parts: Any, serve: Serve, tau: Array | float) -> Array:
         """Loop times [D, S, P, N] s of the loops of some seeds (see `Path`)."""
         return self.path.through(parts, lambda uplink, compute: serve(uplink, self.factor * compute), tau)
 
-    def reliability(self, deadline: Any, load: Load) -> Reliability:
-        """Estimates F(deadline) by simulating the network alone."""
-        return EdgeNetwork(self, Edge()).reliability(deadline, load)
-
-    def describe(self) -> dict[str, Any]:
-        """Returns the network as plain values."""
-        return {"kind": "SlowCompute", "name": self.name, "factor": self.factor, "path": self.path.describe()}
-
 
 @dataclass(frozen=True)
-class Lossier(SlowCompute):
+class LostTwice(_WorsePath):
     """A path that also loses what a second copy of it loses; what a busy edge drops is none of its losses."""
-
-    factor: float = 1.0
 
     @property
     def name(self) -> str:
@@ -163,22 +175,19 @@ class Lossier(SlowCompute):
 
     def draw_parts(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
         """Those of the path and of its copy."""
-        own, copy = key, jax.random.fold_in(key, _COPY)
-        return tuple(self.path.draw_parts(each, num_ticks, num_robots, tau) for each in (own, copy))
+        return tuple(self.path.draw_parts(each, num_ticks, num_robots, tau) for each in (key, key_of_copy(key)))
 
     def through(self, parts: Any, serve: Serve, tau: Array | float) -> Array:
         """Loop times [D, S, P, N] s of the loops of some seeds (see `Path`)."""
         own, copy = parts
-        lost = ~jnp.isfinite(self.path.through(copy, lambda uplink, compute: (uplink + compute)[None], tau)[0])
-        return self.path.through(
-            own, lambda uplink, compute: serve(jnp.where(lost, jnp.inf, uplink), compute), tau
-        )  # fmt: skip
+        lost = ~jnp.isfinite(self.path.through(copy, _at_once, tau)[0])
+        return self.path.through(own, lambda uplink, compute: serve(jnp.where(lost, jnp.inf, uplink), compute), tau)
 
 
 def with_lost_twice(network: Network) -> Network:
     """The network with its losses doubled; behind a finite edge those of the path alone."""
     if isinstance(network, EdgeNetwork):
-        return EdgeNetwork(Lossier(network.path), network.edge)
+        return EdgeNetwork(LostTwice(network.path), network.edge)
     return Stressed(network, double_losses=True)
 
 

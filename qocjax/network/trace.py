@@ -19,11 +19,11 @@ from qocjax.network.completion import latest
 from qocjax.network.correlation import correlation_rows
 from qocjax.network.empirical import Empirical
 from qocjax.network.interface import Load, Reliability, exactly
+from qocjax.scenario import num_ticks
 
-__all__ = ["Trace", "faster_than_measured"]
+__all__ = ["Trace", "faster_than_measured", "key_of_copy"]
 
 _STRETCHES = (16, 8, 4)  # each number's stretches are unions of those of the one before; fewer say nothing of a network
-_COPY = 7919  # small numbers fold into the keys that a split gives
 _LENGTH = 8.0  # correlation lengths in a stretch
 _RUNS = 1.6  # runs in a stretch: one that reads on into the next is not independent of it
 _NEAR = 0.97  # of the measured period; a sampling period that much shorter is the same rate
@@ -65,7 +65,7 @@ class Trace:
 
     def draw_again(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
         """Replays other places of the stretch that a seed takes, [P, N] s: a copy of the network at the same time."""
-        return self._replay(key, jax.random.fold_in(key, _COPY), self._steps(num_ticks, tau), num_robots)
+        return self._replay(key, key_of_copy(key), self._steps(num_ticks, tau), num_robots)
 
     def _replay(self, key: Array, of_robots: Array, steps: np.ndarray, num_robots: int) -> Array:
         rows = jnp.asarray(self.delays, jnp.result_type(float))
@@ -80,7 +80,7 @@ class Trace:
 
     def run_rows(self, horizon: float, tau: float) -> int:
         """Rows that a run of `horizon` s with a loop every `tau` s takes."""
-        return int(self._steps(max(round(horizon / tau), 1), tau)[-1]) + 1
+        return int(self._steps(num_ticks(horizon, tau), tau)[-1]) + 1
 
     def stretches(self, run_rows: int) -> int:
         """Number of stretches for runs of so many rows; 1 where the trace is too short to be cut."""
@@ -135,6 +135,14 @@ class Trace:
                 f"trace {self.name!r} has {rows} rows and a run takes {needed}: it comes round again within the run",
                 stacklevel=3,
             )
+
+
+def key_of_copy(key: Array) -> Array:
+    """The key of a second network beside one with this key: its numbers are others.
+
+    A small number would not do: folded in, it gives one of the keys that a split of this key gives.
+    """
+    return jax.random.fold_in(key, 7919)
 
 
 def faster_than_measured(network: Any, tau: float) -> str | None:

@@ -7,6 +7,7 @@ import pandas as pd
 from qocjax.figures.style import POLICIES
 from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
 from qocjax.report.labels import name_of, symbol, value_text
+from qocjax.study.choosing import moved_by_limit
 from qocjax.study.edges import edges_text
 from qocjax.study.reliability import share_text
 
@@ -72,7 +73,13 @@ def headline(policies: pd.DataFrame) -> str:
     best = safe.iloc[0]
     text = f"The best joint choice is {_choice(best)}{_others(policies, best)}."
     if best["collision_share"] > 0:
-        text += f" In {_share(best)} of its runs robots come closer than two radii."
+        text += (
+            f' <strong class="warn">In {_share(best)} of its runs robots come closer than two radii</strong>: QoC '
+            "counts the distance from the reference, not safety."
+        )
+        calm = joint[joint["collision_share"] == 0]
+        if len(calm):
+            text += f" The best without such runs is {_choice(calm.iloc[0])}{_others(policies, calm.iloc[0])}."
     return f'<p class="headline">{text}</p>'
 
 
@@ -92,14 +99,12 @@ def limit_notes(policies: pd.DataFrame) -> str:
             "the upper 95 % limit of their share breaks what is allowed (<code>max_collision_share</code>). Where "
             "these seeds do not bear out a policy's safer choice, the row is what it takes without a limit.</p>"
         )
-    moved = found[(found["unconstrained_value"] != found["value"])
-                  | (found["unconstrained_deadline"] != found["deadline"])]  # fmt: skip
     items = "".join(
         f"<li>{mark(row['policy'])} {escape(row['policy'])}: {symbol(row['sweep'])} = "
         f"{value_text(row['sweep'], row['unconstrained_value'], with_unit=True)} with Δ = "
         f"{number(1e3 * row['unconstrained_deadline'])} ms, QoC {number(row['unconstrained_qoc'], '.4f')}, too close "
         f"in {percent(row['unconstrained_collision_share'])} of the runs</li>"
-        for row in moved.to_dict("records")
+        for row in moved_by_limit(found).to_dict("records")
     )
     return text + (f"<p>Without the limit, as in the paper, the policies take:</p><ul>{items}</ul>" if items else "")
 

@@ -121,8 +121,8 @@ def advise(
     scale = scale or pilot_scale(scenario, network, current, pilot, few, rules=rules, key=key)
     objective = Objective(scenario, network, scale, rules, key, simulations=len(pilot) * len(few))
     finalists = _shortlists(objective, box, periods, longest_deadline, max_collision_share, effort, search)
-    names = [*bounds, *(["tau"] if periods.size > 1 else [])]
-    found = choose(objective, finalists, current, names, max_collision_share, longest_deadline, choice, how)
+    free = [*bounds, *(["tau"] if periods.size > 1 else [])]
+    found = choose(objective, finalists, current, free, max_collision_share, longest_deadline, choice, how)
     best, deadline = found.design, float(np.asarray(found.design.deadline))
     load, axis = load_of(scenario, float(np.asarray(best.tau))), _axis(scenario, network, best, longest_deadline)
     judged, ties = judged_of(objective, found, current, fresh)

@@ -11,7 +11,7 @@ import pandas as pd
 from qocjax.study.grid import Grid
 from qocjax.study.policies import POLICIES, NoDesignError
 
-__all__ = ["Pick", "least_seeds", "picks", "places_of"]
+__all__ = ["Pick", "least_seeds", "moved_by_limit", "picks", "places_of"]
 
 
 class Pick(NamedTuple):
@@ -62,6 +62,12 @@ def places_of(chosen: Sequence[Pick], grid: Grid) -> dict[int, int]:
     rows = sorted({row for pick in chosen for row in (pick.row, pick.free) if row is not None})
     designs = np.unique(grid.design[rows]).tolist() if rows else []
     return {row: designs.index(int(grid.design[row])) for row in rows}
+
+
+def moved_by_limit(policies: pd.DataFrame) -> pd.DataFrame:
+    """The rows of a table of policies that a limit on collisions made another choice."""
+    apart = [policies[f"unconstrained_{name}"] != policies[name] for name in ("value", "deadline")]
+    return policies[(apart[0] | apart[1]) & policies["unconstrained_qoc"].notna()]
 
 
 def least_seeds(limit: float) -> int:

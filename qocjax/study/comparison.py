@@ -154,16 +154,11 @@ def _judged(name: str, study: Study, scale: QocScale) -> _Judged:
     """What the policies of a study reach on the common scale; without those that found no design."""
     choices, runs = {}, study.evaluation
     for row in study.policies[study.policies["qoc"].notna()].to_dict("records"):
-        auc = _auc(runs["auc"].isel(design=place_of(runs, design_of(study.results, row))).values)
+        auc = runs["auc"].isel(design=place_of(runs, design_of(study.results, row))).values.astype(np.float64)
         choices[str(row["sweep"]), str(row["policy"])] = _Choice(
             row, Scores.of(auc, scale, units_in(runs)), auc.mean(axis=-1)
         )
     return _Judged(name, runs["seed"].values, units_in(runs), choices)
-
-
-def _auc(values: np.ndarray) -> np.ndarray:
-    """AUC in double precision; a diverged run counts as the largest."""
-    return np.where(np.isnan(values), np.inf, values).astype(np.float64)
 
 
 def _rows(judged: _Judged, reference: _Judged, together: bool) -> Iterator[dict[str, Any]]:
@@ -196,7 +191,7 @@ def _gap(judged: _Judged, reference: _Judged, key: tuple[str, str], together: bo
 def _curves(name: str, study: Study, scale: QocScale) -> pd.DataFrame:
     """QoC of the best value at each deadline of each sweep, on the seeds of the choice."""
     runs = study.runs
-    scores = np.concatenate([seed_scores(_auc(part), scale) for part in _auc_blocks(runs)])
+    scores = np.concatenate([seed_scores(part, scale) for part in _auc_blocks(runs)])
     names = [item.name for item in fields(Design)]
     designs = pd.DataFrame({each: runs[each].values for each in names})
     designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores, units=units_in(runs))

@@ -14,12 +14,11 @@ from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
 from qocjax.study.parts import PartRuns
 from qocjax.study.scores import Scores
-from qocjax.study.statistics import Estimate, estimate, share
+from qocjax.study.statistics import estimate, share
 
 __all__ = ["judged_policies"]
 
 _FREE = ("value", "deadline", "qoc", "qoc_se", "collision_share")
-_NOTHING = Estimate(np.nan, np.nan, np.nan, np.nan)
 
 
 def judged_policies(
@@ -50,7 +49,7 @@ def judged_policies(
         their 95 % intervals; `within_limit`, whether even the upper end of the collision share keeps the limit; and
         with `unconstrained_`, what the policy takes without it.
     """
-    shown = _Shown(evaluation, Scores.of(_auc(evaluation), scale, units))
+    shown = _Shown(evaluation, Scores.of(evaluation.runs["auc"].values, scale, units))
     chosen = [shown.settled(pick, places, limit) for pick in chosen]
     base = {pick.sweep: pick.row for pick in chosen if pick.policy == "Co-design"}
     table = []
@@ -118,9 +117,3 @@ class _Shown:
 
 def _qoc(scores: Scores, factor: float) -> dict[str, float]:
     return {name: factor * value for name, value in scores.mean().columns("qoc").items()}
-
-
-def _auc(part: PartRuns) -> np.ndarray:
-    """AUC [G, S, N] in double precision; a diverged run counts as the largest."""
-    auc = part.runs["auc"].values.astype(np.float64)
-    return np.where(np.isnan(auc), np.inf, auc)

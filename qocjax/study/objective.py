@@ -60,9 +60,7 @@ class Objective:
 
     def judged(self, runs: xr.Dataset) -> Scores:
         """QoC of runs with what its two intervals need."""
-        auc = runs["auc"].values.astype(np.float64)
-        auc = np.where(np.isnan(auc), np.inf, auc)
-        return Scores.of(auc, self.scale, self.units(runs["seed"].values.tolist(), runs["tau"].values))
+        return Scores.of(runs["auc"].values, self.scale, self.units(runs["seed"].values.tolist(), runs["tau"].values))
 
     def scores(self, designs: Design, seeds: Sequence[int]) -> np.ndarray:
         """QoC of each design and seed, [G, S], mean over robots."""

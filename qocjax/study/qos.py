@@ -137,8 +137,7 @@ def _results(cells: list[Cell], deadlines: np.ndarray, scale: QocScale, baseline
 
 def _scores(cell: Cell, scale: QocScale) -> Scores:
     """Scores [D, S]; the scale may be that of the same runs."""
-    auc = cell.runs["auc"].values.astype(np.float64)
-    return Scores.of(np.where(np.isnan(auc), np.inf, auc), scale, cell.runs["seed"].values)
+    return Scores.of(cell.runs["auc"].values, scale, cell.runs["seed"].values)
 
 
 def _compared(scores: Scores, others: Scores) -> dict[str, float]:

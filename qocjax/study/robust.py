@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import xarray as xr
 
 from qocjax import _checks
 from qocjax.scenario import Design
@@ -69,42 +70,58 @@ def choose(
     gains = [name for name in names if name != "tau"]
     pool = stacked([part for each in finalists
                     for part in (_with_longer(each, longest), *_given_back(each, current, gains))])  # fmt: skip
-    scores, upper, close = _measured(objective, pool, seeds)
+    runs = objective.runs(pool, seeds)
+    scores, close = objective.judged(runs), runs["collided"].values.mean(axis=1)
+    bench = _Bench(objective, seeds, scores.values.mean(axis=0))
+    upper = bench.upper(runs)
     # Where none is shown to be safe, those that seem to be; the verdict says so.
     safe = next(each for each in (upper <= limit, close <= limit, upper <= upper.min()) if each.any())
-    means = np.where(safe, scores.values.mean(axis=1), -np.inf)
-    top = int(means.argmax())
-    near = np.flatnonzero([safe[k] and _close(scores[k], scores[top]) for k in range(means.size)])
-    if how == "mean":
-        best = row(pool, top)
-    else:
-        best = row(pool, int(near[_worst(objective, take(pool, near), seeds).argmax()]))
-    others = take(pool, near)
+    top = int(np.where(safe, scores.values.mean(axis=1), -np.inf).argmax())
+    near = np.flatnonzero([safe[k] and _close(scores[k], scores[top]) for k in range(upper.size)])
+    others, best = take(pool, near), row(pool, top)
     if how == "robust":
-        best = _least_change(objective, best, current, names, limit, seeds)
+        worst = bench.worst(others)
+        k = int(worst.argmax())
+        start = _Start(row(others, k), scores[near[k]], max(limit, float(upper[near[k]])), float(worst[k]))
+        best = _least_change(bench, start, current, names)
     kept = tuple(name for name in names if float(getattr(best, name)) == float(getattr(current, name)))
     return Chosen(best, row(pool, top), bool(upper.min() <= limit), kept, others)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """Where designs are held against each other: one set of seeds, and what is usual on them."""
+
+    objective: Objective
+    seeds: Sequence[int]
+    usual: np.ndarray  # [S] QoC, mean of all designs, so that luck with one does not make it the only safe one
+
+    def upper(self, runs: xr.Dataset) -> np.ndarray:
+        """The upper end of the share of runs with a collision of each design."""
+        units = self.objective.judged(runs).units
+        return np.array([share(hits, units, like=self.usual).high for hits in runs["collided"].values])
+
+    def worst(self, designs: Design) -> np.ndarray:
+        """The smallest mean QoC of each design over the changes."""
+        changed = worse(self.objective, float(np.asarray(designs.tau)[0])).values()
+        found = [on_network(self.objective, other, designs, self.seeds)[1] for other in changed]
+        return np.min([scores.values.mean(axis=1) for scores in found], axis=0)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A design with what it reaches."""
+
+    design: Design
+    scores: Scores
+    allowed: float  # upper end of the collision share
+    worst: float  # mean QoC over the changes
 
 
 def _close(scores: Scores, best: Scores) -> bool:
     """Whether a mean lies within a hundredth of the best, or cannot be told from it."""
     gap = (scores - best).mean().given
     return gap.mean >= -_CLOSE * float(best.values.mean()) or gap.high >= 0.0
-
-
-def _measured(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[Scores, np.ndarray, np.ndarray]:
-    """Scores, and the upper end of each collision share, and the share."""
-    runs = objective.runs(designs, seeds)
-    scores, collided = objective.judged(runs), runs["collided"].values
-    usual = scores.values.mean(axis=0)  # of all designs, so that luck with one does not make it the only safe one
-    found = [share(hits, scores.units, like=usual) for hits in collided]
-    return scores, np.array([each.high for each in found]), np.array([each.mean for each in found])
-
-
-def _worst(objective: Objective, designs: Design, seeds: Sequence[int]) -> np.ndarray:
-    """The smallest mean QoC of each design over the changes."""
-    changed = worse(objective, float(np.asarray(designs.tau)[0])).values()
-    return np.min([on_network(objective, other, designs, seeds)[1].values.mean(axis=1) for other in changed], axis=0)
 
 
 def _with_longer(finalists: Design, longest: float) -> Design:
@@ -126,21 +143,17 @@ def _given_back(finalists: Design, current: Design, names: Sequence[str]) -> lis
     return [replace(first, **{name: np.full(count, float(getattr(current, name)))}) for name in names]
 
 
-def _least_change(
-    objective: Objective, best: Design, current: Design, names: Sequence[str], limit: float, seeds: Sequence[int]
-) -> Design:
+def _least_change(bench: _Bench, start: _Start, current: Design, names: Sequence[str]) -> Design:
     """Gives gains back, one at a time, as long as neither mean nor worst QoC nor safety are told to suffer."""
-    first, (scores, upper, _) = best, _measured(objective, stacked([best] * (len(names) + 1)), seeds)
-    base, allowed = scores[0], max(limit, float(upper[0]))
-    floor = float(_worst(objective, stacked([best]), seeds)[0]) * (1.0 - _CLOSE)
+    best, floor = start.design, start.worst * (1.0 - _CLOSE)
     while left := [name for name in names if float(getattr(best, name)) != float(getattr(current, name))]:
         trials = [replace(best, **{name: float(getattr(current, name))}) for name in left]
-        trials += [first] * (len(names) + 1 - len(trials))  # of one size: one program
-        scores, upper, _ = _measured(objective, stacked(trials), seeds)
-        lowest = _worst(objective, stacked(trials), seeds)
+        designs = stacked([*trials, *[best] * (len(names) - len(trials))])  # of one size: one program
+        runs = bench.objective.runs(designs, bench.seeds)
+        scores, upper, lowest = bench.objective.judged(runs), bench.upper(runs), bench.worst(designs)
         fine = [
             k for k in range(len(left))
-            if (scores[k] - base).mean().given.high >= 0.0 and upper[k] <= allowed and lowest[k] >= floor
+            if (scores[k] - start.scores).mean().given.high >= 0.0 and upper[k] <= start.allowed and lowest[k] >= floor
         ]  # fmt: skip
         if not fine:
             break

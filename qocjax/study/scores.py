@@ -15,7 +15,7 @@ from qocjax.quality import QocScale, qoc
 from qocjax.study.scales import StudyScale
 from qocjax.study.statistics import Estimate, estimate, student, unpaired
 
-__all__ = ["Scored", "Scores", "difference", "score", "seed_scores", "unpaired_scores"]
+__all__ = ["Scored", "Scores", "seed_scores", "unpaired_scores"]
 
 
 class Scored(NamedTuple):
@@ -44,8 +44,9 @@ class Scores:
 
     @classmethod
     def of(cls, auc: np.ndarray, scale: QocScale, units: np.ndarray | None = None) -> Scores:
-        """Scores of AUC [..., S, N]; a diverged run counts as the largest AUC, one that is missing (NaN) as NaN."""
-        each = np.asarray(qoc(np.asarray(auc, np.float64), scale))
+        """Scores of AUC [..., S, N]; a diverged run, of AUC infinite or NaN, counts as the largest."""
+        costs = np.asarray(auc, np.float64)
+        each = np.asarray(qoc(np.where(np.isnan(costs), np.inf, costs), scale))
         return cls(each.mean(axis=-1), (each * (1.0 - each)).mean(axis=-1), scale, units)
 
     def __getitem__(self, place: Any) -> Scores:
@@ -85,18 +86,8 @@ class Scores:
 
 
 def seed_scores(auc: np.ndarray, scale: QocScale) -> np.ndarray:
-    """QoC by seed [..., S] of AUC [..., S, N]; an infinite AUC counts as the largest."""
+    """QoC by seed [..., S] of AUC [..., S, N], as of `Scores`."""
     return Scores.of(auc, scale).values
-
-
-def score(auc: np.ndarray, scale: QocScale, units: np.ndarray | None = None) -> Scored:
-    """Mean QoC of runs [S, N]."""
-    return Scores.of(auc, scale, units).mean()
-
-
-def difference(auc: np.ndarray, others: np.ndarray, scale: QocScale, units: np.ndarray | None = None) -> Scored:
-    """Mean difference of QoC of runs [S, N] to others on the same seeds."""
-    return (Scores.of(auc, scale, units) - Scores.of(others, scale, units)).mean()
 
 
 def unpaired_scores(scores: Scores, others: Scores) -> Scored:

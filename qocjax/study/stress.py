@@ -34,10 +34,8 @@ def of_runs(runs: xr.Dataset, k: int, scores: Scores) -> dict[str, float]:
     auc = runs["auc"].values[k].astype(float)
     costs = np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1)
     cost = estimate(costs, units=units)
-    collided, last = (
-        share_of(runs["collided"].values[k], units, like=usual),
-        runs["arrival_time"].values[k].max(axis=-1),
-    )
+    collided = share_of(runs["collided"].values[k], units, like=usual)
+    last = runs["arrival_time"].values[k].max(axis=-1)
     return {
         "auc": cost.mean, "auc_low": cost.low, "auc_high": cost.high,
         "collision_share": collided.mean, "collision_low": collided.low, "collision_high": collided.high,
@@ -60,9 +58,8 @@ def worse(objective: Objective, tau: float) -> dict[str, Network]:
     found: dict[str, Network] = {
         f"all loop times x {factor:g}": Stressed(network, delay_factor=factor) for factor in (1.25, 1.5)
     }
-    path = (
-        network.path if isinstance(network, EdgeNetwork) else network
-    )  # what a busy edge drops is not lost on the way
+    # What a busy edge drops is not lost on the way.
+    path = network.path if isinstance(network, EdgeNetwork) else network
     dropping = getattr(getattr(path, "edge", None), "finite", False)
     if not dropping and lost_share(path, load_of(objective.scenario, tau)) > 0:
         found["lost loops x 2"] = with_lost_twice(network)

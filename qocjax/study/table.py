@@ -17,7 +17,7 @@ from qocjax.study.grid import Grid
 from qocjax.study.scores import seed_scores
 from qocjax.study.statistics import standard_error
 
-__all__ = ["qoc_by_seed", "results_table", "sound", "units_of"]
+__all__ = ["qoc_by_seed", "results_table", "sound", "column_units"]
 
 # Metrics of a run that are averaged over robots and seeds and reported with their standard error.
 _AVERAGED = ("auc", "min_distance", "path_length", "effort", "completed_share", "age_mean", "age_peak")
@@ -28,8 +28,7 @@ _BLOCK = 1 << 21
 
 def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
     """QoC of each design and seed, [G, S]: mean over robots; a diverged run counts as the largest AUC."""
-    auc = runs["auc"].values.astype(np.float64)
-    return seed_scores(np.where(np.isnan(auc), np.inf, auc), scale)
+    return seed_scores(runs["auc"].values, scale)
 
 
 def results_table(
@@ -49,7 +48,7 @@ def results_table(
         scale: Of the QoC.
         failed: Designs of which runs are missing, by their place, and why: their metrics are NaN, and a column `error`
             says why; without any there is no such column.
-        units: [S] Labels of the seeds, see `units_of`.
+        units: [S] Labels of the seeds, see `column_units`.
     """
     blocks = [(places, _by_design(runs.isel(design=places).load(), scale, units)) for places in _blocks(runs)]
     designs = pd.concat([table.set_index(places) for places, table in blocks]).sort_index()
@@ -76,7 +75,7 @@ def sound(results: pd.DataFrame, policies: pd.DataFrame) -> tuple[pd.DataFrame, 
     return first, second
 
 
-def units_of(table: pd.DataFrame) -> dict[str, str]:
+def column_units(table: pd.DataFrame) -> dict[str, str]:
     """Unit of each column of a table of results or policies; 1 for shares, scores and counts."""
     plain = {name: name.removesuffix("_se") for name in table.columns}
     units = {name: UNITS.get(base, "1") for name, base in plain.items()}

@@ -19,13 +19,13 @@ from qocjax.network import Trace
 from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.study.recorded import network_keys
 
-__all__ = ["seeds_apart", "study_remark", "trace_of", "trace_remark", "units_in", "units_of", "with_units"]
+__all__ = ["seeds_apart", "study_remark", "replayed_trace", "trace_remark", "units_in", "units_of", "with_units"]
 
 _HALVED = 8  # stretches from which half may choose and half judge
 _SPELLS = 30  # independent spells of missed loops from which an interval of a mean is what it says
 
 
-def trace_of(network: Any) -> Trace | None:
+def replayed_trace(network: Any) -> Trace | None:
     """The trace that a network replays, as it is or made worse; None for any other network."""
     while network is not None and not isinstance(network, Trace):
         network = getattr(network, "network", None)
@@ -42,7 +42,7 @@ def units_of(network: Any, seeds: Sequence[int], key: int, horizon: float, tau: 
         horizon: Length of a run (s).
         tau: Sampling periods of what is compared (s); the one with the longest stretches counts.
     """
-    trace = trace_of(network)
+    trace = replayed_trace(network)
     rows = 0 if trace is None else _run_rows(trace, horizon, tau)
     if trace is None or trace.stretches(rows) == 1:
         return np.asarray(seeds, np.int64)
@@ -66,7 +66,7 @@ def seeds_apart(network: Any, key: int, counts: Sequence[int], horizon: float, t
         horizon: Length of a run (s).
         tau: Sampling periods (s).
     """
-    trace = trace_of(network)
+    trace = replayed_trace(network)
     rows = 0 if trace is None else _run_rows(trace, horizon, tau)
     if trace is None or trace.stretches(rows) < _HALVED:
         ends = np.cumsum([0, *counts]).tolist()
@@ -107,7 +107,7 @@ def trace_remark(network: Any, deadline: ArrayLike, horizon: float, tau: ArrayLi
         horizon: Length of a run (s).
         tau: Sampling periods (s).
     """
-    trace = trace_of(network)
+    trace = replayed_trace(network)
     if trace is None:
         return None
     size, run = np.size(trace.delays), _run_rows(trace, horizon, tau)

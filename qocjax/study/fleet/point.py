@@ -42,9 +42,8 @@ def point_of(study: Study, problem: Problem) -> Point:
     at = study.results[(study.results["sweep"] == BEST) & (study.results["deadline"] == deadline)].iloc[0]
     design = Design(**{name: float(at[name]) for name in Design.__dataclass_fields__})
     k = place_of(study.evaluation, design)
-    auc = study.evaluation["auc"].values[k].astype(np.float64)
     units = units_in(study.evaluation)
-    judged = Scores.of(np.where(np.isnan(auc), np.inf, auc), study.scale, units)
+    judged = Scores.of(study.evaluation["auc"].values[k], study.scale, units)
     collided = study.evaluation["collided"].values[k].astype(bool)
     load = load_of(problem.scenario, float(design.tau))  # type: ignore[arg-type]
     share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,31 +55,25 @@ class Measure:
 
     def interval(self, scores: Scores, confidence: float = 0.95) -> Scored:
         """The measure of scores [S] with its two intervals: Student's for the mean, a bootstrap for CVaR."""
-        if self.name == "mean":
-            return scores.mean(confidence)
-        return self._bootstrapped(scores, None, confidence)
+        nothing = np.zeros_like(scores.values)
+        return self.difference(scores, replace(scores, values=nothing, slopes=nothing), confidence)
 
     def difference(self, scores: Scores, others: Scores, confidence: float = 0.95) -> Scored:
         """The measure of `scores` less that of `others` over common seeds [S]: paired Student, or paired bootstrap.
 
+        The error of J_med widens the bootstrap's interval by the slope of the measure.
+
         Raises:
             ValueError: Different lengths, or fewer than two seeds.
         """
+        student = (scores - others).mean(confidence)
         if self.name == "mean" or np.array_equal(scores.values, others.values):
-            return (scores - others).mean(confidence)
-        return self._bootstrapped(scores, others, confidence)
-
-    def _bootstrapped(self, scores: Scores, others: Scores | None, confidence: float) -> Scored:
-        """Percentiles over resampled observations; the error of J_med widens them by the slope of the measure."""
-        (scores if others is None else scores - others).mean()  # checks the shapes
-        sets = [scores] if others is None else [scores, others]
+            return student
         drawn = resampled(scores.values.size, scores.units, _RESAMPLES)
-        signs = (1.0, -1.0)
-        found = sum(sign * self(each.values[drawn]) for sign, each in zip(signs, sets, strict=False))
-        value = float(sum(sign * self(each.values) for sign, each in zip(signs, sets, strict=False)))
-        low, high = np.quantile(np.asarray(found), [(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0])
-        se = float(np.std(found, ddof=1))
-        slope = float(sum(sign * self._slope(each) for sign, each in zip(signs, sets, strict=False)))
+        found = self(scores.values[drawn]) - self(others.values[drawn])
+        value = float(self(scores.values) - self(others.values))
+        low, high = np.quantile(found, [(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0])
+        se, slope = float(np.std(found, ddof=1)), self._slope(scores) - self._slope(others)
         whole = float(np.hypot(se, slope * scores.scale.median_se / scores.scale.median))
         wider = whole / se if se > 0.0 else 1.0
         given = Estimate(value, se, float(low), float(high))

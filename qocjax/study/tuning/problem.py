@@ -14,11 +14,11 @@ from jax import Array
 from qocjax.batch.evaluate import run_grid
 from qocjax.batch.runner import Drawn, metrics
 from qocjax.closed_loop import Plan
-from qocjax.quality import qoc, qoc_slope
+from qocjax.quality import qoc_slope
 from qocjax.scenario import Design, Scenario
 from qocjax.study.edges import at_bounds
 from qocjax.study.objective import Objective
-from qocjax.study.scores import Scores
+from qocjax.study.scores import Scores, seed_scores
 from qocjax.study.tuning.bounds import Bounds
 
 __all__ = ["Problem", "spread_starts"]
@@ -84,10 +84,9 @@ class Problem:
         """From AUC by robot to QoC by run, and from values to free coordinates."""
         scale = self.objective.scale
         auc = runs["auc"].values.astype(np.float64)  # [G, S, N]
-        score = np.asarray(qoc(np.where(np.isnan(auc), np.inf, auc), scale))
         slopes = np.stack([runs[f"d_auc_{name}"].values.astype(np.float64) for name in self.bounds.names], axis=-1)
         by_run = (qoc_slope(auc, scale)[..., None] * slopes).mean(axis=2)
-        return score.mean(axis=-1), by_run * self.bounds.slopes(free)[:, None, :]
+        return seed_scores(auc, scale), by_run * self.bounds.slopes(free)[:, None, :]
 
 
 def spread_starts(count: int, bounds: Bounds, rng: np.random.Generator) -> np.ndarray:

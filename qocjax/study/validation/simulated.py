@@ -13,7 +13,7 @@ from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
-from qocjax.study.units import trace_of, units_of
+from qocjax.study.units import replayed_trace, units_of
 from qocjax.study.validation.curves import Curve
 
 __all__ = ["simulated_curve"]
@@ -65,4 +65,4 @@ def simulated_curve(
         raise ValueError(f"{source}: {np.count_nonzero(~np.isfinite(auc))} of {auc.size} runs diverged, the first at "
                          f"{1e3 * axis[row]:g} ms with seed {list(seeds)[column]}, expected a finite AUC")  # fmt: skip
     units = units_of(network, seeds, key, scenario.horizon, design.tau)
-    return Curve.of_table(axis, auc, list(seeds), source, None if trace_of(network) is None else units.tolist())
+    return Curve.of_table(axis, auc, list(seeds), source, None if replayed_trace(network) is None else units.tolist())
