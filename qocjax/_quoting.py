@@ -15,7 +15,7 @@ __all__ = ["PATHS", "quoted_options"]
 PATHS = ("path", "map", "file", "resume", "dir")
 """Last words of options that name files and folders; a `~` at their beginning is the user's home."""
 
-_OPTION = re.compile(r"(\+{0,2}[\w./@-]+)=(.*)", re.DOTALL)
+_OPTION = re.compile(r"(\+{0,2}[\w./@][\w./@-]*)=(.*)", re.DOTALL)  # not Hydra's own flags: --config-dir=...
 
 
 def quoted_options(arguments: Sequence[str]) -> list[str]:

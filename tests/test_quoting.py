@@ -45,7 +45,8 @@ def test_a_tilde_is_the_home(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_hydra_understands_stays() -> None:
     kept = ["path=null", "path=${oc.env:HOME}/x", "path='a b'", "quality.goal=[2,0]", "~network", "-m", "experiment=ci",
-            "delay@network.uplink.delay=gamma", "labels.pattern='{qos}_*'", "--help", "kappa=1,2"]  # fmt: skip
+            "delay@network.uplink.delay=gamma", "labels.pattern='{qos}_*'", "--help", "kappa=1,2",
+            "--config-dir=/tmp/a b", "--info=all"]  # fmt: skip
     assert quoted_options(kept) == kept
     assert quoted_options(["-m", "path=a.csv,b.csv"]) == ["-m", "path=a.csv,b.csv"]
     assert values("network.column=delay(ms)", "labels.pattern={qos}/delay_{d}") == ["delay(ms)", "{qos}/delay_{d}"]
