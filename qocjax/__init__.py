@@ -4,11 +4,13 @@
     designs = qocjax.Design(kappa=[1.0, 2.0, 3.0])
     metrics = qocjax.evaluate(qocjax.Scenario(), designs, qocjax.paper_network(), range(32))
 
-The story by module: `scenario` (what is simulated, what one may choose), `unicycle` (the robot), `controllers` (the
-law), `network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and `reference` (AUC and
-QoC), `batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures` (files and pictures).
+The story by module: `scenario` (what is simulated, what one may choose), `unicycle` and `acceleration` (the robot),
+`controllers` (the law), `network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and
+`reference` (AUC and QoC), `batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures`
+(files and pictures).
 """
 
+from qocjax.acceleration import Acceleration
 from qocjax.batch import evaluate, gradient
 from qocjax.network import Network, kth_5g_network, paper_network, read_trace
 from qocjax.network.schedule import Rules
@@ -20,6 +22,7 @@ from qocjax.study import Study, one_at_a_time, open_study, replay, run_study
 __version__ = "0.1.0"
 
 __all__ = [
+    "Acceleration",
     "Design",
     "Network",
     "QocScale",

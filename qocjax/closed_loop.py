@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from qocjax._math import AngleMath
+from qocjax.acceleration import drive, parts
 from qocjax.controllers import Apf, Controller, Sight, Task
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
 from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
@@ -54,6 +55,7 @@ class Recorded(NamedTuple):
 
     pose: Pose  # each field [P+1, N, *B]
     command: Command  # each field [P, N, *B], in force at t_p after what takes effect at t_p
+    speed: Command  # each field [P, N, *B], driven at t_p; the command where it is obeyed at once
     reference: tuple[Array, Array]  # each [P+1, 1 or N, *B]
     view: Any  # what the controller records of each instant; leaves [P, ...]
 
@@ -74,6 +76,7 @@ class _State:
 
     pose: Pose
     applied: Command  # the command in force, before any hold gain
+    speed: Command | None  # driven at t_p; None where commands are obeyed at once
     error: tuple[Array, Array]  # disagreement delta at t_p
     tally: Tally
     memory: Any  # the controller's
@@ -123,7 +126,8 @@ def run_closed_loop(
     still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
     task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots)
     memory = plan.controller.begin(task, pose, keys)
-    state = _State(pose, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
+    speed = None if scenario.acceleration is None else still
+    state = _State(pose, still, speed, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
     tick = _Tick(scenario, task, mid_tick, plan)
     loop = Loop(tick.sample, tick.act, still)
     if plan.slots == 0:
@@ -135,7 +139,7 @@ def run_closed_loop(
     if recorded is None:
         return Outcome(tally, network, report, None)
     poses = jax.tree.map(lambda each, last: jnp.concatenate([each, last[None]]), recorded[0], state.pose)
-    return Outcome(tally, network, report, Recorded(poses, recorded[1], path, recorded[2]))
+    return Outcome(tally, network, report, Recorded(poses, recorded[1], recorded[2], path, recorded[3]))
 
 
 @dataclass(frozen=True)
@@ -171,16 +175,38 @@ class _Tick:
             halfway = self._move(state, applied, first, h, row.reference_mid)
             applied = _choose(net.fresh & self.mid_tick, due, applied)
             moved = self._move(halfway, applied, applied.scaled(net.gain_mid), row.length - h, row.reference_end)
-        return moved, (state.pose, first) if self.plan.record else None
+        if not self.plan.record:
+            return moved, None
+        return moved, (state.pose, first, first if state.speed is None else state.speed)
 
     def _move(
         self, state: _State, applied: Command, command: Command, h: Array, reference: tuple[Array, Array]
     ) -> _State:
         """Moves over a piece of constant command and takes it into the totals."""
+        if state.speed is not None:
+            return self._drive(replace(state, applied=applied), state.speed, command, h, reference)
         pose = arc(state.pose, command, h, self.plan.math)
         error = (pose.x - reference[0], pose.y - reference[1])
         tally = state.tally.over_piece(self.scenario, (state.error, error), (state.pose, pose), command, h)
         return replace(state, pose=pose, applied=applied, error=error, tally=tally)
+
+    def _drive(
+        self, state: _State, speed: Command, command: Command, h: Array, reference: tuple[Array, Array]
+    ) -> _State:
+        """The same where speeds take time to follow the command."""
+        limits = self.scenario.acceleration
+        assert limits is not None  # where speeds are kept; for the type checker
+        start = (state.pose.x - state.error[0], state.pose.y - state.error[1])
+        left, per_second = h, 1.0 / jnp.where(h > 0, h, 1.0)
+        for part in parts(speed, command, h, limits):
+            left = left - part.duration
+            share = left * per_second  # over a piece the reference counts as straight
+            path = [last - share * (last - first) for first, last in zip(start, reference, strict=True)]
+            pose = drive(state.pose, part, self.plan.math)
+            error = (pose.x - path[0], pose.y - path[1])
+            tally = state.tally.over_part(self.scenario, (state.error, error), (state.pose, pose), part)
+            state = replace(state, pose=pose, speed=part.end, error=error, tally=tally)
+        return state
 
 
 def _whole_blocks(loop_times: Array, plan: Plan) -> Array:

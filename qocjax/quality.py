@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from qocjax import _checks
+from qocjax.acceleration import Part
 from qocjax.pairs import closest_squared
 from qocjax.scenario import Design, Scenario
 from qocjax.unicycle import Command, Pose
@@ -84,7 +85,7 @@ class Tally:
     """Running totals of a run: what the loop carries of the metrics."""
 
     integral: Array  # [N, *B] ∫ |delta|²_W dt, m² s
-    path_length: Array  # [N, *B] ∫ nu dt, m
+    path_length: Array  # [N, *B] ∫ |nu| dt, m
     effort: Array  # [N, *B] ∫ nu² + omega² dt, mixed units as in the paper's "control effort"
     closest: Array  # [*B] smallest squared distance between robots at the sampling instants, m²
     last_away: Array  # [N, *B] last sampling instant (tick) farther than 2 d_safe from the goal, -1 for none
@@ -119,19 +120,36 @@ class Tally:
             command: In force over the piece.
             h: Its length (s).
         """
-        weights = jnp.asarray(scenario.weights)
         chord = h * command.nu
+        return replace(
+            self,
+            integral=self.integral + self._area(scenario, error, pose, (chord, chord), h),
+            path_length=self.path_length + jnp.abs(chord),
+            effort=self.effort + h * (command.nu * command.nu + command.omega * command.omega),
+        )
+
+    def over_part(self, scenario: Scenario, error: Ends, pose: tuple[Pose, Pose], part: Part) -> Tally:
+        """Takes in a part over which speeds are linear in time, by the same rule."""
+        h, begin, end = part
+        chords = (h * begin.nu, h * end.nu)
+        squares = (a * (a + b) + b * b for a, b in ((begin.nu, end.nu), (begin.omega, end.omega)))
+        return replace(
+            self,
+            integral=self.integral + self._area(scenario, error, pose, chords, h),
+            path_length=self.path_length + jnp.abs(0.5 * (chords[0] + chords[1])),
+            effort=self.effort + (1 / 3) * h * sum(squares),
+        )
+
+    def _area(
+        self, scenario: Scenario, error: Ends, pose: tuple[Pose, Pose], chords: tuple[Array, Array], h: Array
+    ) -> Array:
+        """∫ |delta|²_W dt of a piece; `chords` are its speeds at both ends times h."""
+        weights = jnp.asarray(scenario.weights)
         (x, y), (next_x, next_y) = error
         first, last = pose
-        along_x = self._axis(x, next_x, last.x - first.x, chord * first.cos, chord * last.cos)
-        along_y = self._axis(y, next_y, last.y - first.y, chord * first.sin, chord * last.sin)
-        return Tally(
-            self.integral + (1 / 6) * h * (weights[0] * along_x + weights[1] * along_y),
-            self.path_length + chord,
-            self.effort + h * (command.nu * command.nu + command.omega * command.omega),
-            self.closest,
-            self.last_away,
-        )
+        along_x = self._axis(x, next_x, last.x - first.x, chords[0] * first.cos, chords[1] * last.cos)
+        along_y = self._axis(y, next_y, last.y - first.y, chords[0] * first.sin, chords[1] * last.sin)
+        return (1 / 6) * h * (weights[0] * along_x + weights[1] * along_y)
 
     @staticmethod
     def _axis(a: Array, b: Array, moved: Array, heads: Array, next_heads: Array) -> Array:

@@ -35,11 +35,12 @@ class Run:
     time: Array  # [P+1] s
     pose: Array  # [P+1, N, 3] m, m, rad; headings continuous
     command: Array  # [P, N, 2] m/s, rad/s; in force at t_p, after what takes effect at t_p
+    speed: Array  # [P, N, 2] m/s, rad/s; driven at t_p, the command where the robot obeys it at once
     age: Array  # [P, N] s, as the controller at t_p sees it
     auc: Array  # [N] s, J_i
     min_distance: Array  # m, smallest distance between robots at the sampling instants; inf for one robot
     collided: Array  # bool, whether that is below two robot radii
-    path_length: Array  # [N] m
+    path_length: Array  # [N] m, forwards and backwards
     effort: Array  # [N] ∫ nu² + omega² dt
     arrival_time: Array  # [N] s, from then on within 2 d_safe of the goal; inf if never
     completed_share: Array  # share of the loops that complete
@@ -201,6 +202,7 @@ def _simulate(scenario: Scenario, design: Design, loop_times: Array, key: Array,
         time=time,
         pose=jnp.stack([recorded.pose.x, recorded.pose.y, recorded.pose.heading], axis=-1),
         command=jnp.stack([recorded.command.nu, recorded.command.omega], axis=-1),
+        speed=jnp.stack([recorded.speed.nu, recorded.speed.omega], axis=-1),
         age=network.age,
         auc=tally.integral / norm,
         min_distance=closest,

@@ -38,7 +38,9 @@ class Case:
             s.start, s.goal, s.horizon, asdict(self.design), self.loop_times, actuation=actuation, hold=hold,
             reference=s.reference, reference_kappa=s.nominal_kappa, reference_v_max=s.nominal_v_max,
             reference_per_robot=s.reference_per_robot, weights=tuple(s.weights),
-            normaliser={"initial_disagreement": "start"}.get(s.normaliser, s.normaliser), **HOLD_OPTIONS | options,
+            normaliser={"initial_disagreement": "start"}.get(s.normaliser, s.normaliser),
+            acceleration=None if s.acceleration is None else tuple(vars(s.acceleration).values()),
+            **HOLD_OPTIONS | options,
         )  # fmt: skip
 
 

@@ -86,7 +86,7 @@ class Robot:
     sampled: float | None = None  # s, sampling instant of the command in force; None before the first
     scale: float = 1.0  # what the hold rule leaves of the command
     area: float = 0.0  # integral of |p - reference|²_W
-    length: float = 0.0  # integral of nu
+    length: float = 0.0  # integral of |nu|
     effort: float = 0.0  # integral of nu² + omega²
 
     @property
@@ -117,7 +117,7 @@ class Robot:
     def move(self, t0: float, t1: float, substeps: int) -> None:
         """Drive from t0 to t1 under one command, and sum up: 5-point Gauss on each of the substeps."""
         nu, omega = self.command
-        self.length += nu * (t1 - t0)
+        self.length += abs(nu) * (t1 - t0)
         self.effort += (nu**2 + omega**2) * (t1 - t0)
         cuts = [t0, self.path.corner, t1] if t0 < self.path.corner < t1 else [t0, t1]
         for left, right in pairwise(cuts):
@@ -144,6 +144,47 @@ class Robot:
             self.scale = 0.0 if self.age(t) > timeout * (1 + ROUNDING) else 1.0
         elif hold == "decay":
             self.scale = math.exp(-max(0.0, self.age(t) - deadline) / decay)
+
+
+def towards(speed: float, wanted: float, up: float, down: float, h: float) -> float:
+    """A speed after h seconds on its way: it falls at the rate `down` and grows at the rate `up`, through 0 or not."""
+    low = math.copysign(min(abs(speed), abs(wanted)), speed) if speed * wanted > 0 else 0.0
+    fall = abs(speed - low) / down
+    if h <= fall:
+        return speed + math.copysign(down * h, low - speed)
+    return wanted if h - fall >= abs(wanted - low) / up else low + math.copysign(up * (h - fall), wanted - low)
+
+
+@dataclass
+class SluggishRobot(Robot):
+    """A unicycle whose speeds follow the command at limited rates: many small steps instead of any formula."""
+
+    limits: tuple[float, float, float] = (math.inf, -math.inf, math.inf)  # ax_max, ax_min, az_max
+    driven: tuple[float, float] = (0.0, 0.0)
+
+    def after(self, speed: tuple[float, float], h: float) -> tuple[float, float]:
+        """Speeds after h seconds of the command in force."""
+        up, down, turn = self.limits
+        return (towards(speed[0], self.command[0], up, -down, h), towards(speed[1], self.command[1], turn, turn, h))
+
+    def move(self, t0: float, t1: float, substeps: int) -> None:
+        """Drive from t0 to t1: the midpoint rule on 100 steps, Simpson's rule for the totals."""
+        h = (t1 - t0) / 100
+        for step in range(100):
+            begin, middle, end = self.driven, self.after(self.driven, h / 2), self.after(self.driven, h)
+            t = t0 + step * h
+            square = [self.squared_distance(self.x, self.y, self.path.at(t))]
+            x, y = self.x, self.y
+            for part in (0.5, 1.0):
+                theta = self.theta + part * h * (begin[1] + self.after(begin, part * h / 2)[1]) / 4
+                nu = self.after(begin, part * h / 2)[0]
+                self.x, self.y = x + part * h * nu * math.cos(theta), y + part * h * nu * math.sin(theta)
+                square.append(self.squared_distance(self.x, self.y, self.path.at(t + part * h)))
+            self.theta += h * (begin[1] + 4 * middle[1] + end[1]) / 6
+            self.area += h * (square[0] + 4 * square[1] + square[2]) / 6
+            self.length += h * (abs(begin[0]) + 4 * abs(middle[0]) + abs(end[0])) / 6
+            self.effort += h * sum(a * a + 4 * b * b + c * c for a, b, c in zip(begin, middle, end, strict=True)) / 6
+            self.driven = end
 
 
 def control(i: int, robots: list[Robot], ages: list[float], design: dict[str, float]) -> tuple[float, float]:
@@ -177,7 +218,9 @@ def effect_delay(loop_time: float, completed: bool, design: dict[str, float], ac
     return (m + 1, 0.0) if actuation == "arrival" else (m, deadline - m * tau)
 
 
-def make_robots(start: Any, goal: Any, kappa: float, v_max: float, per_robot: bool, weights: Any) -> list[Robot]:
+def make_robots(
+    start: Any, goal: Any, kappa: float, v_max: float, per_robot: bool, weights: Any, limits: Any = None
+) -> list[Robot]:
     """The robots at rest at their start, each with its goal and its reference path."""
     starts = np.asarray(start, float)
     goals = [(float(x), float(y)) for x, y in np.broadcast_to(np.asarray(goal, float), (len(starts), 2))]
@@ -187,7 +230,8 @@ def make_robots(start: Any, goal: Any, kappa: float, v_max: float, per_robot: bo
     robots = []
     for (x, y, theta), target in zip(starts.tolist(), goals, strict=True):
         path = Reference((x, y) if per_robot else centroid, target, kappa, v_max)
-        robots.append(Robot(x, y, theta, target, path, weights))
+        robot = Robot(x, y, theta, target, path, weights)
+        robots.append(robot if limits is None else SluggishRobot(*vars(robot).values(), limits=tuple(limits)))
     return robots
 
 
@@ -254,7 +298,7 @@ def run(
     actuation: str = "deadline", hold: str = "hold", hold_timeout: float = 0.5, hold_decay: float = 0.5,
     reference: str = "nominal", reference_kappa: float = 2.0, reference_v_max: float = 0.7,
     reference_per_robot: bool = False, weights: tuple[float, float] = (1.0, 1.0), normaliser: str = "start",
-    substeps: int = 1,
+    substeps: int = 1, acceleration: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Simulate one run and score it.
 
@@ -262,6 +306,7 @@ def run(
     omega_max, eta, kappa, gamma, c_miss, d_safe, tau, deadline. `hold_timeout` and `hold_decay` are in s.
     `reference_kappa` and `reference_v_max` are the nominal ones; `reference_per_robot` gives each robot its own path,
     from its start to its goal. `substeps` counts the parts, of 5 Gauss points each, of every piece between two events.
+    `acceleration` is (ax_max, ax_min, az_max), None for robots that obey at once.
 
     Returns:
         time [P+1], pose [P+1, N, 3], command [P, N, 2], age [P, N]; per robot auc, path_length, effort, arrival_time
@@ -276,7 +321,7 @@ def run(
             raise ValueError(f"{name}: got {value!r}, expected one of {OPTIONS[name]}")
     kappa, v_max = (design["kappa"], design["v_max"]) if reference == "follow" else (reference_kappa, reference_v_max)
     v_max = math.inf if reference == "uncapped" else v_max
-    robots = make_robots(start, goal, kappa, v_max, reference_per_robot, weights)
+    robots = make_robots(start, goal, kappa, v_max, reference_per_robot, weights, acceleration)
     scales = [r.squared_distance(r.x, r.y, r.path.start if normaliser == "start" else r.goal) for r in robots]
     if min(scales) <= 1e-18:  # within a nanometre
         raise ValueError(f"normaliser: {normaliser!r} gives {scales}, expected > 0; try 'goal_distance'")

@@ -139,6 +139,19 @@ def test_a_file_is_read() -> None:
     assert remark == "file.yaml:18: Drive.vx_max is 1; Nav2 declares it double and refuses this"
 
 
+@pytest.mark.parametrize(
+    ("accel", "decel", "expected"),
+    [("[2.5, 0.0, 3.2]", "[-2.0, 0.0, -3.0]", (2.5, -2.0, 3.0)),
+     ("[1.0, 0.0, 0.0, 0.0, 0.0, 3.2]", "[-2.0, 0.0, 0.0, 0.0, 0.0, -4.0]", (1.0, -2.0, 3.2)),
+     ("[2.5, 0.0, 3.2]", "[2.0, 0.0, -3.0]", (2.5, None, 3.0))],
+)  # fmt: skip
+def test_the_smoothers_accelerations_are_the_robots(accel: str, decel: str, expected: tuple) -> None:
+    given = f"velocity_smoother:\n  ros__parameters:\n    max_accel: {accel}\n    max_decel: {decel}\n"
+    text = FILE.replace("velocity_smoother:\n  ros__parameters:\n", given)
+    found = to_options(read_params_of(text))
+    assert tuple(found.get(f"robot.{name}") for name in ("ax_max", "ax_min", "az_max")) == expected
+
+
 def read_params_of(text: str):
     from qocjax.nav2.read import params_of
 

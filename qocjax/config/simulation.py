@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
+from qocjax.acceleration import Acceleration
 from qocjax.config.controller import ControllerConfig, map_of
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
@@ -23,13 +24,23 @@ _LIMITS = {"v_max": "v_limit", "omega_max": "omega_limit"}
 
 
 class RobotConfig(Part):
-    """Speed caps and size."""
+    """Speed caps, size, and how fast speeds change."""
 
     v_max: float
     omega_max: float
     radius: float
     v_limit: float | None = None
     omega_limit: float | None = None
+    ax_max: float | None = None
+    ax_min: float | None = None
+    az_max: float | None = None
+
+    @property
+    def acceleration(self) -> Acceleration | None:
+        """Limits on how fast speeds change; None where there is none of them."""
+        given = {name: getattr(self, name) for name in ("ax_max", "ax_min", "az_max")}
+        found = {name: value for name, value in given.items() if value is not None}
+        return Acceleration(**found) if found else None
 
     def limit(self, parameter: str) -> float | None:
         """What the robot can do at most, of `v_max` or `omega_max`; None for any other and where no limit is known."""
@@ -113,6 +124,7 @@ class ScenarioConfig(Part):
             weights=np.array(self.weights, float),
             start_jitter=tuple(self.start_jitter),  # type: ignore[arg-type]
             robot_radius=robot.radius,
+            acceleration=robot.acceleration,
         )
 
 

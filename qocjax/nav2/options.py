@@ -24,6 +24,7 @@ def to_options(params: NavParams) -> dict[str, float]:
     found = {
         "loop.tau": 1.0 / frequency if frequency else None,
         "robot.v_max": params.v_max, "robot.omega_max": params.omega_max, "robot.radius": params.radius,
+        "robot.ax_max": params.ax_max, "robot.ax_min": params.ax_min, "robot.az_max": params.az_max,
     }  # fmt: skip
     return {name: value for name, value in found.items() if value is not None}
 

@@ -83,6 +83,22 @@ class NavParams:
         return _least(self._cap(names), self.limits("max_velocity"), -1)
 
     @property
+    def ax_max(self) -> float | None:
+        """Of the smoother, how fast the speed grows (m/s2)."""
+        return _rate(self.limits("max_accel"), 0, 1)
+
+    @property
+    def ax_min(self) -> float | None:
+        """Of the smoother, how fast the speed shrinks, negative (m/s2)."""
+        return _rate(self.limits("max_decel"), 0, -1)
+
+    @property
+    def az_max(self) -> float | None:
+        """Of the smoother, how fast the turn rate changes either way (rad/s2)."""
+        grows, shrinks = (_rate(self.limits(name), -1, sign) for name, sign in (("max_accel", 1), ("max_decel", -1)))
+        return min((abs(each) for each in (grows, shrinks) if each is not None), default=None)
+
+    @property
     def radius(self) -> float | None:
         """Of the robot, or of the circle around the origin that holds its footprint (m)."""
         points = _points(self.values.get(("local_costmap/local_costmap", "footprint")))
@@ -206,6 +222,11 @@ def _least(cap: float | None, limits: tuple[float, ...] | None, index: int) -> f
     """The lower of two caps, one of which may be missing."""
     known = [each for each in (cap, limits[index] if limits else None) if each is not None]
     return min(known) if known else None
+
+
+def _rate(limits: tuple[float, ...] | None, index: int, sign: int) -> float | None:
+    """One of a list of accelerations; None for one of the wrong sign, which Nav2 refuses, and for none."""
+    return limits[index] if limits and sign * limits[index] > 0 else None
 
 
 def _points(footprint: Value | None) -> list[tuple[float, float]]:
