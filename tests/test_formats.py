@@ -243,7 +243,7 @@ def _long_ping(folder: Path) -> Path:
 
 
 def test_a_network_is_what_a_log_holds(tmp_path: Path) -> None:
-    options = ["network=trace", f"network.path={_long_ping(tmp_path)}"]
+    options = ["network=trace", f"network.path={_long_ping(tmp_path)}", "network.compute=0"]
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
         config = load(AdviseConfig, compose("advise", options))
         network = config.build_network()
@@ -269,6 +269,9 @@ def test_one_command_reads_and_advises(tmp_path: Path) -> None:
     ]  # fmt: skip
     environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
     line = [sys.executable, "-m", "qocjax.advise", "path=ping.txt", *options]
+    done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8", timeout=300)
+    assert done.returncode == 2 and "network.compute=0.02 where it always takes 20 ms" in done.stderr
+    line.append("network.compute=0.02")
     done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8", timeout=300)
     assert done.returncode == 2 and "was measured with a loop every 100 ms (its send times)" in done.stderr
     done = subprocess.run([*line, "loop.tau=0.1"], cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8")

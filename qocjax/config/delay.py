@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
 from qocjax.config.part import Part
 from qocjax.network import (
@@ -22,7 +24,7 @@ from qocjax.network import (
     read_samples,
 )
 
-__all__ = ["Delay", "EdgeConfig", "LegConfig"]
+__all__ = ["Computing", "Delay", "EdgeConfig", "LegConfig"]
 
 
 class ConstantDelay(Part):
@@ -107,6 +109,19 @@ Delay = Annotated[
 ]
 
 
+def _law(value: Any) -> Any:
+    """A number for a law that always takes that long."""
+    if value is None or isinstance(value, (dict, Part)):
+        return value
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 <= value < math.inf:
+        raise PydanticCustomError("computing", "a finite number of s >= 0, such as 0.02, or a law")
+    return {"law": "constant", "value": float(value)}
+
+
+Computing = Annotated[Delay | None, BeforeValidator(_law)]
+"""Law of a computing time, or a number of s for a constant one; None where nothing says it."""
+
+
 class IndependentLossConfig(Part):
     """Each message lost with the same probability."""
 
@@ -150,6 +165,11 @@ class EdgeConfig(Part):
     per_robot: bool
     discipline: str | None
     abort: bool
+
+    @classmethod
+    def usual(cls) -> EdgeConfig:
+        """Where nothing is said of it, as `conf/edge/default.yaml` has it."""
+        return cls(workers=1, per_robot=True, discipline=None, abort=False)
 
     def build(self) -> Edge:
         """The edge."""

@@ -7,7 +7,8 @@ in seconds, and infinite if a message is lost. It completes if T_net is within t
   `ShiftedLogNormal`, or a measured one, `Empirical` or `QuantileTable`.
 - A loss process says which messages are lost: `IndependentLoss`, or in bursts, `GilbertElliott`.
 - A `Leg` is a delay law with a loss process, and a `LoopNetwork` two of them with the compute time in between.
-- A `Trace` is the other way to a network: loop times as they were measured, in order.
+- A `Trace` is the other way to a network: loop times as they were measured, in order. A `ComputedTrace` adds the
+  computation where the network alone was measured.
 - `DdsNetwork`, in `qocjax.network.dds`, is two ROS 2 topics, BEST_EFFORT or RELIABLE.
 - All that the rest of qocjax knows of them is `Network`: loop times of a seed, F(deadline), a name. A new transport
   needs no more than that. `loop_times` draws those of a whole study.
@@ -18,6 +19,7 @@ measurements. What a completed or a missed loop does to the robot is in `qocjax.
 """
 
 from qocjax.network.completion import completes, latest
+from qocjax.network.computed_trace import ComputedTrace
 from qocjax.network.edge import Edge
 from qocjax.network.edge_network import EdgeNetwork, with_edge
 from qocjax.network.empirical import Empirical, QuantileTable
@@ -31,6 +33,7 @@ from qocjax.network.readers import read_samples, read_trace
 from qocjax.network.trace import Trace, faster_than_measured
 
 __all__ = [
+    "ComputedTrace",
     "Constant",
     "DelayLaw",
     "Edge",

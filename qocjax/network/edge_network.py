@@ -11,9 +11,10 @@ from jax import Array
 from qocjax.network.edge import Edge, Served
 from qocjax.network.estimate import simulated
 from qocjax.network.interface import Contended, Load, Network, Reliability, Serve
+from qocjax.network.trace import key_of_copy
 from qocjax.scenario import _pytree
 
-__all__ = ["EdgeNetwork", "Path", "edge_usage", "with_edge"]
+__all__ = ["EdgeNetwork", "Path", "copied_parts", "edge_usage", "with_edge"]
 
 
 @runtime_checkable
@@ -84,6 +85,10 @@ class EdgeNetwork:
         """Draws what chance decides of one Monte Carlo seed; `contend` makes loops of it."""
         return self.path.draw_parts(key, num_ticks, num_robots, tau)
 
+    def draw_again(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
+        """Draws of a copy of the network at the same time."""
+        return copied_parts(self.path, key, num_ticks, num_robots, tau)
+
     def contend(self, drawn: Any, num_ticks: Array | int, tau: Array | float, deadline: Array) -> Contended:
         """Works out the loops of all seeds at all deadlines (see `SharedNetwork`)."""
         found: list[Served] = []
@@ -110,6 +115,14 @@ class EdgeNetwork:
     def describe(self) -> dict[str, Any]:
         """Returns the network as plain values."""
         return self.path.describe() | {"edge": self.edge.describe()}
+
+
+def copied_parts(path: Path, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
+    """What chance decides of a copy of a path, for the seed of a key; of a measured one what came at the same time."""
+    again = getattr(path, "draw_parts_again", None)
+    if again is not None:
+        return again(key, num_ticks, num_robots, tau)
+    return path.draw_parts(key_of_copy(key), num_ticks, num_robots, tau)
 
 
 def with_edge(path: Path, edge: Edge) -> Network:

@@ -14,9 +14,9 @@ from qocjax import _checks
 from qocjax.network._fields import store_float
 from qocjax.network.completion import completes
 from qocjax.network.edge import Edge
-from qocjax.network.edge_network import EdgeNetwork, Path
+from qocjax.network.edge_network import EdgeNetwork, Path, copied_parts
 from qocjax.network.interface import Contended, Load, Network, Reliability, Serve, SharedNetwork
-from qocjax.network.trace import Trace, key_of_copy
+from qocjax.network.trace import key_of_copy
 
 __all__ = ["LostTwice", "SlowCompute", "Stressed", "with_lost_twice", "with_slow_compute"]
 
@@ -60,8 +60,9 @@ class Stressed:
         own = self.network.draw(key, num_ticks, num_robots, tau)
         if not self._copied:
             return own, None
-        if isinstance(self.network, Trace):  # what was measured at the same time
-            return own, self.network.draw_again(key, num_ticks, num_robots, tau)
+        again = getattr(self.network, "draw_again", None)
+        if again is not None:  # what was measured at the same time
+            return own, again(key, num_ticks, num_robots, tau)
         return own, self.network.draw(key_of_copy(key), num_ticks, num_robots, tau)
 
     def contend(self, drawn: tuple[Any, Any], num_ticks: Array | int, tau: Array | float, deadline: Array) -> Contended:
@@ -175,7 +176,8 @@ class LostTwice(_WorsePath):
 
     def draw_parts(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
         """Those of the path and of its copy."""
-        return tuple(self.path.draw_parts(each, num_ticks, num_robots, tau) for each in (key, key_of_copy(key)))
+        own = self.path.draw_parts(key, num_ticks, num_robots, tau)
+        return own, copied_parts(self.path, key, num_ticks, num_robots, tau)
 
     def through(self, parts: Any, serve: Serve, tau: Array | float) -> Array:
         """Loop times [D, S, P, N] s of the loops of some seeds (see `Path`)."""

@@ -21,7 +21,7 @@ from qocjax.network.empirical import Empirical
 from qocjax.network.interface import Load, Reliability, exactly
 from qocjax.scenario import num_ticks
 
-__all__ = ["Trace", "faster_than_measured", "key_of_copy"]
+__all__ = ["Trace", "faster_than_measured", "key_of_copy", "replayed_trace"]
 
 _STRETCHES = (16, 8, 4)  # each number's stretches are unions of those of the one before; fewer say nothing of a network
 _LENGTH = 8.0  # correlation lengths in a stretch
@@ -81,6 +81,11 @@ class Trace:
     def run_rows(self, horizon: float, tau: float) -> int:
         """Rows that a run of `horizon` s with a loop every `tau` s takes."""
         return int(self._steps(num_ticks(horizon, tau), tau)[-1]) + 1
+
+    def ticks_within(self, tau: float) -> int:
+        """Loops, one every `tau` s, that the trace has rows for before it comes round again."""
+        rows = np.size(self.delays)
+        return rows if self.period is None else max(int((rows - 1e-6) * self.period / tau), 1)
 
     def stretches(self, run_rows: int) -> int:
         """Number of stretches for runs of so many rows; 1 where the trace is too short to be cut."""
@@ -145,6 +150,14 @@ def key_of_copy(key: Array) -> Array:
     return jax.random.fold_in(key, 7919)
 
 
+def replayed_trace(network: Any) -> Trace | None:
+    """The trace that a network replays: as it is, made worse, or with a computation; None for any other network."""
+    while network is not None and not isinstance(network, Trace):
+        within = (getattr(network, name, None) for name in ("network", "path", "trace"))
+        network = next((each for each in within if each is not None), None)
+    return network
+
+
 def faster_than_measured(network: Any, tau: float) -> str | None:
     """Says what is wrong with replaying a trace at a shorter sampling period than it was measured with.
 
@@ -152,19 +165,20 @@ def faster_than_measured(network: Any, tau: float) -> str | None:
     repeats the last, so that the edge looks free and a burst of misses is met with fewer independent ones.
 
     Args:
-        network: Any network; only a `Trace` that knows its period can be too slow.
+        network: Any network; only a trace that knows its period can be too slow.
         tau: Sampling period of the replay (s).
 
     Returns:
         One sentence with what to do; None where there is nothing to say.
     """
-    if not isinstance(network, Trace) or network.period is None or tau >= _NEAR * network.period:
+    trace = replayed_trace(network)
+    if trace is None or trace.period is None or tau >= _NEAR * trace.period:
         return None
-    origin = f" ({network.period_from})" if network.period_from else ""
+    origin = f" ({trace.period_from})" if trace.period_from else ""
     return (
-        f"trace {network.name!r} was measured with a loop every {1e3 * network.period:.4g} ms{origin} and is replayed "
+        f"trace {trace.name!r} was measured with a loop every {1e3 * trace.period:.4g} ms{origin} and is replayed "
         f"with one every {1e3 * tau:.4g} ms: what that many loops do to the network is not in it; measure at that "
-        f"rate, set the sampling period (loop.tau, search.tau) to {network.period:.4g} s or more, or allow it with "
+        f"rate, set the sampling period (loop.tau, search.tau) to {trace.period:.4g} s or more, or allow it with "
         "network.faster_than_measured=true"
     )
 

@@ -68,6 +68,7 @@ class RecordedRun:
     format: str = ""  # what kind of file it was read from, where that is a tool's
     one_way: dict[str, np.ndarray] = field(default_factory=dict)  # delays of one direction, s, inf where lost
     latency: dict[str, Latency] = field(default_factory=dict)  # from commands to motion, by robot
+    computed: bool = True  # whether its loops hold a computation, which those of a log of the network alone do not
 
 
 def read_run(files: RunFiles, rules: Rules, *, quiet: bool = False) -> RecordedRun:
@@ -115,7 +116,10 @@ def _from_log(name: str, path: Path, kind: str, rules: Rules, findings: Findings
         lost = trace.lost_uplink if log.lost_uplink is None else log.lost_uplink
         loops["loops"] = replace(trace, lost_uplink=lost)
     one_way = {} if log.one_way is None else {"one_way": log.one_way}
-    return RecordedRun(name, *_span(loops), loops, {}, None, {}, {}, findings, FORMATS[kind].TITLE, one_way)
+    return RecordedRun(
+        name, *_span(loops), loops, {}, None, {}, {}, findings, FORMATS[kind].TITLE, one_way,
+        computed=log.computed,
+    )  # fmt: skip
 
 
 def _from_content(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from qocjax import _checks
 from qocjax.network import Load, Network, Trace, completes, loop_times
+from qocjax.network.trace import replayed_trace
 from qocjax.study.policies import MIN_RELIABILITY
 
 __all__ = ["NEVER", "candidate_deadlines", "characterise", "lost_share", "quantiles"]
@@ -64,9 +65,10 @@ def candidate_deadlines(network: Network, load: Load, longest: float) -> np.ndar
 def characterise(network: Network, load: Load, deadline: float, key: int = 0) -> dict[str, Any]:
     """How the loop times are distributed, and how they hang together from one loop to the next.
 
-    A measured trace is read in its own order, row by row; of any other network 16 runs of 2048 loops are drawn. The
-    Gilbert-Elliott fit is that of the misses at `deadline` as a two-state Markov chain whose bad state misses every
-    loop: the maximum-likelihood estimates are shares of the observed transitions.
+    A measured trace is read in its own order, row by row; of any other network 16 runs of 2048 loops are drawn, or of
+    as many as the trace within it has. The Gilbert-Elliott fit is that of the misses at `deadline` as a two-state
+    Markov chain whose bad state misses every loop: the maximum-likelihood estimates are shares of the observed
+    transitions.
 
     Returns:
         Plain values; None where nothing can be said (no miss to measure the length of). Delays in s, lengths in loops.
@@ -99,8 +101,9 @@ def _series(network: Network, load: Load, deadline: float, key: int) -> np.ndarr
     """Loop times in order, [ticks, sequences]."""
     if isinstance(network, Trace):
         return np.asarray(network.delays)[:, None]
-    keys = jax.random.split(jax.random.key(key), 16)
-    return np.asarray(loop_times(network, keys, 2048, load.num_robots, load.tau, deadline)[:, :, 0]).T
+    keys, trace = jax.random.split(jax.random.key(key), 16), replayed_trace(network)
+    ticks = 2048 if trace is None else min(2048, trace.ticks_within(load.tau))
+    return np.asarray(loop_times(network, keys, ticks, load.num_robots, load.tau, deadline)[:, :, 0]).T
 
 
 def _correlation(series: np.ndarray) -> float | None:

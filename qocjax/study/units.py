@@ -15,21 +15,15 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from qocjax.network import Trace
+from qocjax.network import ComputedTrace, Trace
 from qocjax.network.correlation import correlation_rows, independent_rows
+from qocjax.network.trace import replayed_trace
 from qocjax.study.recorded import network_keys
 
-__all__ = ["seeds_apart", "study_remark", "replayed_trace", "trace_remark", "units_in", "units_of", "with_units"]
+__all__ = ["seeds_apart", "study_remark", "trace_remark", "units_in", "units_of", "with_units"]
 
 _HALVED = 8  # stretches from which half may choose and half judge
 _SPELLS = 30  # independent spells of missed loops from which an interval of a mean is what it says
-
-
-def replayed_trace(network: Any) -> Trace | None:
-    """The trace that a network replays, as it is or made worse; None for any other network."""
-    while network is not None and not isinstance(network, Trace):
-        network = getattr(network, "network", None)
-    return network
 
 
 def units_of(network: Any, seeds: Sequence[int], key: int, horizon: float, tau: ArrayLike) -> np.ndarray:
@@ -117,8 +111,17 @@ def trace_remark(network: Any, deadline: ArrayLike, horizon: float, tau: ArrayLi
             f"loops, of which about {correlation_rows(trace.delays):.0f} hang together, for runs of {run}; "
             "intervals are those of replays of this one"
         )
-    few = [text for limit in np.unique(np.asarray(deadline, float)) if (text := _few_spells(trace, float(limit)))]
-    return few[0] if few else None
+    computing = _usual_computing(network)
+    limits = np.unique(np.asarray(deadline, float)) - computing
+    few = next((text for limit in limits if (text := _few_spells(trace, float(limit)))), None)
+    return f"{few}; the deadline less the usual {1e3 * computing:.4g} ms of computing" if few and computing else few
+
+
+def _usual_computing(network: Any) -> float:
+    """Median of the computing time (s) that a trace does not hold; 0 where it holds it."""
+    while network is not None and not isinstance(network, ComputedTrace):
+        network = getattr(network, "network", None) or getattr(network, "path", None)
+    return 0.0 if network is None else float(network.compute.quantile(0.5))
 
 
 def _few_spells(trace: Trace, deadline: float) -> str | None:

@@ -46,4 +46,8 @@ def read(head: Head, findings: Findings) -> Log:
     loop = np.array([np.inf if end[k] is None else ((end[k] or 0) - (begin[k] or 0)) / 1e9 for k in rows])
     wrong = loop < 0.0
     findings.count(head.path.name, "negative_loop_time", int(wrong.sum()))
-    return Log([loops_of(loop[~wrong], None, send[~wrong], epoch=float(epoch))], notes=(f"from {first} to {last}",))
+    return Log(
+        [loops_of(loop[~wrong], None, send[~wrong], epoch=float(epoch))],
+        notes=(f"from {first} to {last}",),
+        computed=True,
+    )

@@ -41,6 +41,7 @@ class Log:
     period: float | None = None  # s, between two messages, where the log says so
     lost_uplink: int | None = None  # of the lost loops, those that did not reach the edge, where the log says so
     notes: tuple[str, ...] = ()
+    computed: bool = False  # whether its loops hold a computation, as those of a controller do and those of ping do not
 
 
 def loops_of(

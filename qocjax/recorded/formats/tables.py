@@ -48,7 +48,11 @@ def read(head: Head, findings: Findings) -> Log:
     found = send_times(table, time, None, None)
     send = None if found is None or not np.isfinite(found[1]).all() else found[1]
     said = [f"loop times from {time!r}"] + ([] if number is None else [f"numbers from {number!r}"])
-    return Log([loops_of(delays, numbers, send)], notes=("; ".join(said),))
+    return Log(
+        [loops_of(delays, numbers, send)],
+        notes=("; ".join(said),),
+        computed=header_unit(time)[0].lower() == "loop_time",
+    )
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class Layout:
     columns: frozenset[str]
     layout: StampsFormat
     edge: str | None = None  # pattern of the edge's table, * for the number in the name of the robot's
-    notes: tuple[str, ...] = ()
+    computed: bool = True  # whether an edge computes in between
 
     def detect(self, head: Head) -> bool:
         """Whether a file is one."""
@@ -81,7 +85,7 @@ class Layout:
             layout = StampsFormat(
                 layout.sequence, layout.uplink_send, None, None, layout.downlink_receive, unit=layout.unit
             )
-        return Log(read_stamps(head.path, layout, edge, findings), notes=self.notes)
+        return Log(read_stamps(head.path, layout, edge, findings), computed=self.computed)
 
 
 Reader = Callable[[Head, Findings], Log]
@@ -101,6 +105,6 @@ LAYOUTS = {
     ),
     "cicv5g": Layout(
         "CICV5G, round trips", frozenset({"pub_time(ms)", "sub_time(ms)", "delay(ms)"}),
-        StampsFormat(None, "pub_time(ms)", None, None, "sub_time(ms)"),
+        StampsFormat(None, "pub_time(ms)", None, None, "sub_time(ms)"), computed=False,
     ),
 }  # fmt: skip

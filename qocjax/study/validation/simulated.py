@@ -12,8 +12,9 @@ from qocjax.batch import evaluate
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
+from qocjax.network.trace import replayed_trace
 from qocjax.scenario import Design, Scenario
-from qocjax.study.units import replayed_trace, units_of
+from qocjax.study.units import units_of
 from qocjax.study.validation.curves import Curve
 
 __all__ = ["simulated_curve"]
