@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from qocjax import _checks
-from qocjax._command import command, output_dir
+from qocjax._command import command, given_options, output_dir
 from qocjax.advice_page import page
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.part import load
@@ -20,6 +22,7 @@ from qocjax.figures.save import save
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
 from qocjax.recorded.text import run_lines
+from qocjax.robot_seen import RobotSeen, limits_values, robot_seen
 from qocjax.store import provenance, write_config, write_table, write_text
 from qocjax.study.advice import Advice, advise, plain
 from qocjax.study.slack import Slack
@@ -29,12 +32,13 @@ __all__ = ["advice_values", "main", "page", "run"]
 _SLACK = [item.name for item in fields(Slack) if item.name != "plane"]  # its table goes into a file of its own
 
 
-def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
+def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None = None) -> Advice:
     """Works out the advice of a configuration.
 
     Args:
         config: What to simulate.
         folder: Where files go; None writes nothing.
+        seen: What a bag shows of the robot, for the record.
 
     Raises:
         ValueError: A value of the configuration is out of range, or nothing can be advised.
@@ -51,7 +55,8 @@ def run(config: AdviseConfig, folder: Path | None = None) -> Advice:
         effort=config.effort(), asked=config.asked(), scale=config.scale(),
     )  # fmt: skip
     if folder is not None:
-        write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(advice_values(advice) | provenance())))
+        values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance()
+        write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
         write_text(
             folder / "nav2_params.yaml", nav2_text(advice, config.loop.build(), config.nav2 and Path(config.nav2))
         )
@@ -86,6 +91,12 @@ def advice_values(advice: Advice) -> dict:
     return plain(found)
 
 
+def _robot_values(config: AdviseConfig, seen: RobotSeen | None) -> dict:
+    """The robot that is advised on, and what a bag shows of it."""
+    found = {"said": seen.text, "seen": limits_values(seen.limits)} if seen is not None and seen.limits else {}
+    return plain(config.robot.model_dump() | found)
+
+
 def _draw(advice: Advice, folder: Path) -> None:
     margin = [
         bound.value if bound.value is not None else advice.margin.best
@@ -111,14 +122,28 @@ def _draw(advice: Advice, folder: Path) -> None:
     save(sensitivity_bars(advice.elasticities, advice.sobol), folder / "sensitivity")
 
 
+def _robot_choice() -> tuple[str, bool]:
+    """Name of the robot's preset, and whether somebody chose it or any of its values."""
+    preset = HydraConfig.get().runtime.choices["robot"]
+    given = any(each == "robot" or each.startswith(("robot.", "experiment")) for each in given_options())
+    return preset, given
+
+
 @command("advise", short={"path": ("network=trace", "network.path")}, nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config = load(AdviseConfig, cfg)
+    config, seen = load(AdviseConfig, cfg), RobotSeen()
     folder = output_dir()
     if (log := config.log()) is not None:
-        print("\n".join(run_lines(log.read(), None)), end="\n\n")
-    print(page(run(config, folder)))
+        recorded = log.read()
+        print("\n".join(run_lines(recorded, None)), end="\n\n")
+        seen = robot_seen(recorded, config.robot, *_robot_choice())
+        for name, value in seen.options.items():
+            OmegaConf.update(cfg, f"robot.{name}", value)
+        config = load(AdviseConfig, cfg)
+    if seen.text:
+        print(textwrap.fill(f"ROBOT  {seen.text}", 118, subsequent_indent="  "), end="\n\n", flush=True)
+    print(page(run(config, folder, seen)))
     print(f"advice.yaml, nav2_params.yaml and figures are in {folder}")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from qocjax._command import command, output_dir
@@ -26,7 +26,9 @@ from qocjax.recorded.tables import (
     scale_of,
 )
 from qocjax.recorded.text import run_lines
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.robot_seen import limits_values
+from qocjax.store import provenance, write_config, write_json, write_table, write_text
+from qocjax.study.advice import plain
 
 __all__ = ["Ingested", "main", "report", "run"]
 
@@ -85,6 +87,9 @@ def run(config: IngestConfig, folder: Path | None = None, *, quiet: bool = False
     return result
 
 
+_LIMITS = "# What each robot was seen to do, in SI units: lower bounds, as what was not driven is not in them.\n"
+
+
 def _write(result: Ingested, config: IngestConfig, folder: Path) -> None:
     tables = {"summary": result.summary, "robots": result.robots, "findings": result.findings, "groups": result.groups}
     for name, table in tables.items():
@@ -97,6 +102,9 @@ def _write(result: Ingested, config: IngestConfig, folder: Path) -> None:
         for robot, trace in each.loops.items():
             write_table(place / f"trace_{file_name(robot)}", trace.table)
             write_table(place / f"reliability_{file_name(robot)}", reliability_table(trace, config.deadline_ms))
+        if each.limits:
+            seen = plain({robot: limits_values(limits) for robot, limits in each.limits.items()})
+            write_text(place / "limits.yaml", _LIMITS + OmegaConf.to_yaml(OmegaConf.create(seen)))
         if config.figures:
             draw_recorded(each, place)
     scale = result.scale

@@ -23,6 +23,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import qocjax
+from qocjax._command import _expanded
 from qocjax.config import SimulationConfig, StudyConfig, conf_dir, load
 from qocjax.config.fleet import FleetConfig
 from qocjax.config.ingest import IngestConfig
@@ -393,6 +394,8 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         jobs = [option.split(",")[0] if "--multirun" in flags and "[" not in option else option for option in options]
         ours = [option for option in jobs if not option.startswith(("hydra/", "hydra.launcher"))]  # of a plugin
         given = [option for option in ours if option not in flags]
+        if command == "advise":
+            given = _expanded(given, {"path": ("network=trace", "network.path")})
         config = composed(command, given or NEEDED.get(command, []))
         config.baseline() if isinstance(config, SimulationConfig) else build(config)
 

@@ -6,6 +6,7 @@ import math
 
 from qocjax import _checks
 from qocjax.config.part import Part
+from qocjax.config.robots import presets
 from qocjax.config.simulation import RobotConfig
 from qocjax.quality import QocScale
 from qocjax.recorded.folder import Labels
@@ -32,12 +33,14 @@ class TopicsConfig(Part):
     poses: list[str]
     commands: list[str]
     goals: list[str]
+    odometry: list[str]
+    footprints: list[str]
     robots: list[str] | None
     same_clock: bool
 
     def build(self) -> TopicPatterns:
         """The patterns."""
-        for pattern in (*self.poses, *self.commands, *self.goals):
+        for pattern in (*self.poses, *self.commands, *self.goals, *self.odometry, *self.footprints):
             if set(words(pattern)) - {"robot"}:
                 raise ValueError(f"topics: got {pattern!r}, expected no other word in braces than {{robot}}")
         return TopicPatterns(
@@ -45,6 +48,8 @@ class TopicsConfig(Part):
             tuple(self.commands),
             tuple(self.goals),
             None if self.robots is None else tuple(self.robots),
+            tuple(self.odometry),
+            tuple(self.footprints),
         )
 
 
@@ -241,7 +246,7 @@ class ReadingConfig(Part):
             self.topics.build(), self.stamps.build(),
             ClockRules(clock.same, clock.window, clock.largest_uncertainty_ms / 1e3, clock.step_ms / 1e3, missing),
             Cleaning(window=clock.window, **clean), self.quality.build(radius), self.topics.same_clock,
-            self.poses.build(self.topics.poses), self.format,
+            self.poses.build(self.topics.poses), self.format, presets(),
         )  # fmt: skip
 
 

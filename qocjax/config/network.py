@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 from qocjax.config.cell import CellConfig
 from qocjax.config.delay import Computing, Delay, EdgeConfig, LegConfig
 from qocjax.config.part import Part, conf_dir
+from qocjax.config.robots import presets
 from qocjax.network import (
     ComputedTrace,
     Constant,
@@ -153,8 +154,9 @@ class TraceConfig(Part):
     def read(self) -> RecordedRun:
         """What is in the file; of a bag the topics that `ingest` looks for by default."""
         found = OmegaConf.load(conf_dir() / "reading" / "default.yaml").topics
-        topics = TopicPatterns(*(tuple(found[name]) for name in ("poses", "commands", "goals")))
-        return read_file(self.path, self.unit, self.gaps_are_lost, topics)
+        names = ("poses", "commands", "goals", "odometry", "footprints")
+        topics = TopicPatterns(**{name: tuple(found[name]) for name in names})
+        return read_file(self.path, self.unit, self.gaps_are_lost, topics, presets())
 
 
 def _law_of(compute: Delay | None) -> DelayLaw | None:

@@ -11,6 +11,7 @@ from qocjax.network import Constant, LoopNetwork, Network, Trace
 from qocjax.network.period import period_of
 from qocjax.recorded.folder import find_runs
 from qocjax.recorded.loops import ClockRules
+from qocjax.recorded.nearest import Preset
 from qocjax.recorded.run import RecordedRun, Rules, read_run
 from qocjax.recorded.stamps import StampsFormat
 from qocjax.recorded.topics import TopicPatterns
@@ -19,7 +20,11 @@ __all__ = ["network_of", "read_file", "trace_of"]
 
 
 def read_file(
-    path: str | Path, unit: str | None = None, gaps_are_lost: bool = False, topics: TopicPatterns | None = None
+    path: str | Path,
+    unit: str | None = None,
+    gaps_are_lost: bool = False,
+    topics: TopicPatterns | None = None,
+    presets: tuple[Preset, ...] = (),
 ) -> RecordedRun:
     """Reads a log of a tool, a table of loops or a bag by what is in it.
 
@@ -28,6 +33,7 @@ def read_file(
         unit: Of times that the file says no unit of: s, ms, us or ns.
         gaps_are_lost: Whether numbers that are not there are lost loops.
         topics: Of a bag; None refuses bags.
+        presets: Robots that the one of a bag may be.
 
     Raises:
         ValueError: It is none of the formats that are known, or cannot be read.
@@ -41,7 +47,7 @@ def read_file(
             "trace of `python -m qocjax.ingest`"
         )
     (files,) = runs
-    rules = Rules(topics or TopicPatterns((), ()), stamps, ClockRules(missing_are_lost=gaps_are_lost))
+    rules = Rules(topics or TopicPatterns((), ()), stamps, ClockRules(missing_are_lost=gaps_are_lost), presets=presets)
     return read_run(files, rules, quiet=True)
 
 

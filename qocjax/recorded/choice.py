@@ -9,14 +9,14 @@ from pathlib import Path
 
 from qocjax.recorded.bag import Bag, Topic
 from qocjax.recorded.findings import Findings
-from qocjax.recorded.messages import COMMANDS, GOALS, POSES, TRANSFORMS
+from qocjax.recorded.messages import COMMANDS, FOOTPRINTS, GOALS, ODOMETRY, POSES, TRANSFORMS
 from qocjax.recorded.patterns import matched
 from qocjax.recorded.topics import TopicPatterns
 
 __all__ = ["Choice", "choose", "nothing"]
 
 _ROBOT = "robot"  # of a topic without a robot's name
-_LOCALISATION, _ODOMETRY = POSES[0], POSES[1]
+_LOCALISATION = POSES[0]
 _ENCODINGS = ("cdr", "")
 Names = dict[str, str]
 """Name of a topic by robot."""
@@ -30,6 +30,8 @@ class Choice:
     commands: Names = field(default_factory=dict)
     odometry: Names = field(default_factory=dict)  # beside other poses: they say better how far a robot drove
     transforms: Names = field(default_factory=dict)  # by namespace, where no topic has poses
+    driven: Names = field(default_factory=dict)  # odometry of any robot, for its speeds
+    footprints: Names = field(default_factory=dict)
     goals: Names = field(default_factory=dict)  # by name of the topic
     topics: dict[str, list[Topic]] = field(default_factory=dict)
 
@@ -37,7 +39,7 @@ class Choice:
         """The topics to read; of a transform's topic also its static half."""
         names = dict.fromkeys((
             *self.poses.values(), *self.commands.values(), *self.odometry.values(), *self.transforms.values(),
-            *self.goals,
+            *self.driven.values(), *self.footprints.values(), *self.goals,
         ))  # fmt: skip
         found = [topic for name in names for topic in self.topics.get(name, [])]
         for topic in found:
@@ -67,12 +69,20 @@ def choose(bag: Bag, patterns: TopicPatterns, findings: Findings, without: Colle
             if topic.name == f"{name}_static" and topic.kind == TRANSFORMS:
                 found.transforms[topic.name] = topic.name
                 found.topics[topic.name] = [topic]
+    every = pick.all((*patterns.poses, *patterns.odometry), (ODOMETRY,))
+    found.driven = {robot: name for robot, name in every.items() if not _above(robot, every)}
+    found.footprints = pick.all(patterns.footprints, FOOTPRINTS)
     sparse = [robot for robot, name in found.poses.items() if pick.holds(name, _LOCALISATION)]
     if sparse:
-        every = pick.all(patterns.poses, (_ODOMETRY,))
-        found.odometry = {robot: every[robot] for robot in sparse if robot in every}
+        own = pick.all(patterns.poses, (ODOMETRY,))
+        found.odometry = {robot: own[robot] for robot in sparse if robot in own}
     found.goals = pick.goals(patterns.goals)
     return found
+
+
+def _above(robot: str, found: Names) -> str | None:
+    """The robot in whose namespace another name lies."""
+    return next((other for other in found if robot.startswith(f"{other}/")), None)
 
 
 class _Picker:
@@ -148,7 +158,7 @@ class _Picker:
         """Without topics deeper in the namespace of a robot that has one: those are its sensors'."""
         kept = {}
         for robot, name in found.items():
-            above = next((other for other in found if robot.startswith(f"{other}/")), None)
+            above = _above(robot, found)
             if above is None:
                 kept[robot] = name
             else:

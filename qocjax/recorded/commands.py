@@ -17,7 +17,9 @@ class CommandReport:
     """One robot's commands; times in s."""
 
     count: int
-    period: float  # usual interval between two
+    period: float  # usual interval between two, the median
+    period_low: float  # 5 and 95 % of the intervals that are no gaps
+    period_high: float
     gaps: int  # intervals much longer than that
     longest_gap: float
     hold_time: float  # that commands stayed in force beyond the usual interval, in gaps
@@ -56,9 +58,11 @@ def report_commands(series: Series, where: str, cleaning: Cleaning, findings: Fi
     every, beyond = np.diff(time), np.where(wide, np.diff(time) - usual, 0.0)
     moving = (nu[:-1] != 0.0) | (omega[:-1] != 0.0)
     kept = ~outlier
+    spread = np.percentile(every[~wide], (5, 95))
     effort = np.where(kept, nu**2 + omega**2, 0.0)[:-1] @ every
     return CommandReport(
-        count=time.size, period=usual, gaps=int(wide.sum()), longest_gap=float(every.max()),
+        count=time.size, period=usual, period_low=float(spread[0]), period_high=float(spread[1]),
+        gaps=int(wide.sum()), longest_gap=float(every.max()),
         hold_time=float(beyond.sum()), hold_share=float(beyond.sum() / max(np.ptp(time), 1e-12)),
         driving_hold_time=float(beyond[moving].sum()),
         v_max=float(np.abs(nu[kept]).max(initial=0.0)), omega_max=float(np.abs(omega[kept]).max(initial=0.0)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from tqdm import tqdm
@@ -12,8 +13,9 @@ from qocjax.recorded.bag import Bag, Topic
 from qocjax.recorded.bags import open_bag
 from qocjax.recorded.choice import Choice, choose, nothing
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.footprint import Outline
 from qocjax.recorded.goals import Goal, goal_of
-from qocjax.recorded.messages import COMMANDS, TRANSFORMS, Row, decoder, transforms
+from qocjax.recorded.messages import COMMANDS, FOOTPRINTS, TRANSFORMS, Row, decoder, polygon, transforms
 from qocjax.recorded.record_clock import mend
 from qocjax.recorded.series import Raw
 from qocjax.recorded.topics import BagContent, TopicPatterns
@@ -21,13 +23,14 @@ from qocjax.recorded.transforms import Transforms, poses_of
 
 __all__ = ["read_bag"]
 
+_OTHERS = (TRANSFORMS, *FOOTPRINTS)  # types that are no rows of numbers
 _LATEST = 2**62  # ns; a record time beyond is no time, and is mended as one
 
 
 def read_bag(path: Path, patterns: TopicPatterns, findings: Findings, *, quiet: bool = False) -> BagContent:
-    """Reads poses, commands and goals of a bag; other topics are never decoded.
+    """Reads poses, speeds, commands, footprints and goals of a bag; other topics are never decoded.
 
-    Memory holds one message, and 48 bytes of each that was read.
+    Memory holds one message, and 48 bytes of each that was read, 64 of odometry.
 
     Args:
         path: rosbag2 folder or file.
@@ -45,12 +48,15 @@ def read_bag(path: Path, patterns: TopicPatterns, findings: Findings, *, quiet: 
             wanted = chosen.readable(findings)
             if not chosen.poses and not chosen.commands and not chosen.transforms:
                 raise ValueError(_unread(path, empty) if empty else nothing(path, bag.topics, patterns))
-            raws, moving = _messages(bag, wanted, findings, quiet)
+            raws, moving, outlines = _messages(bag, wanted, findings, quiet)
             fruitless = {name for name, raw in raws.items() if not raw.record and name in chosen.poses.values()}
             if not fruitless:
                 break
             empty |= fruitless  # another topic may have the poses
-    return _content(path, chosen, wanted, raws, moving, findings)
+    found = _content(path, chosen, wanted, raws, moving, findings)
+    shapes = {robot: outlines[name] for robot, name in chosen.footprints.items() if outlines.get(name)}
+    driven = {robot: raws[name] for robot, name in chosen.driven.items() if raws[name].record}
+    return replace(found, driven=driven, footprints=shapes)
 
 
 def _unread(path: Path, names: set[str]) -> str:
@@ -91,10 +97,11 @@ def _content(
 
 def _messages(
     bag: Bag, wanted: list[Topic], findings: Findings, quiet: bool
-) -> tuple[dict[str, Raw], dict[str, Transforms]]:
+) -> tuple[dict[str, Raw], dict[str, Transforms], dict[str, list[Outline]]]:
     """Decodes the messages of the topics wanted."""
-    read: dict[Topic, Callable[[bytes], Row]] = {t: decoder(t.kind) for t in wanted if t.kind != TRANSFORMS}
+    read: dict[Topic, Callable[[bytes], Row]] = {t: decoder(t.kind) for t in wanted if t.kind not in _OTHERS}
     raws, moving = _empty(wanted)
+    outlines: dict[str, list[Outline]] = {topic.name: [] for topic in wanted if topic.kind in FOOTPRINTS}
     counts = [topic.count for topic in wanted]
     total = None if None in counts else sum(count or 0 for count in counts)
     bar = tqdm(
@@ -108,26 +115,29 @@ def _messages(
                 for each in transforms(data):
                     moving[topic.name].add(place, record, each)
                 continue
-            stamp, x, y, z, frame = read[topic](data)
+            if topic.kind in FOOTPRINTS:
+                outlines[topic.name].append(Outline(*polygon(topic.kind, data)))
+                continue
+            stamp, values, frame = read[topic](data)
         except ValueError as error:
             findings.count(topic.name, "unreadable")
             findings.note(f"{topic.name}: {error}")
             continue
         raw = raws[topic.name]
-        raw.append(place, record, stamp, (x, y, z))
+        raw.append(place, record, stamp, values)
         if frame != raw.frame:
             raw.frame = raw.frame or frame
             raw.frames.add(frame)
     for name, raw in raws.items():
         _say_frames(name, raw, findings)
-    return raws, moving
+    return raws, moving, outlines
 
 
 def _empty(wanted: list[Topic]) -> tuple[dict[str, Raw], dict[str, Transforms]]:
     """Where messages go; commands of both types on one topic into the one that has stamps."""
     raws: dict[str, Raw] = {}
     for topic in wanted:
-        if topic.kind != TRANSFORMS and raws.setdefault(topic.name, Raw(topic.kind)).kind == COMMANDS[0]:
+        if topic.kind not in _OTHERS and raws.setdefault(topic.name, Raw(topic.kind)).kind == COMMANDS[0]:
             raws[topic.name].kind = topic.kind
     return raws, {topic.name: Transforms({}) for topic in wanted if topic.kind == TRANSFORMS}
 

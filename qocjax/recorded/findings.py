@@ -25,6 +25,8 @@ CAUSES = {
     "gaps": "intervals much longer than the usual one; poses are interpolated, a command stays in force",
     "jumps": "moves faster than any robot; kept",
     "outlier_commands": "commands beyond what any robot can do; left out of their statistics",
+    "outlier_speeds": "speeds of odometry beyond what any robot can do; left out of what it was seen to do",
+    "no_footprint": "outlines of a robot that are no area; left out",
     "ahead_of_clock": "messages that come sooner than the envelope of their clock; kept",
     "missing_numbers": "sequence numbers that are not there",
     "negative_loop_time": "loops that end before they begin on one clock; left out",

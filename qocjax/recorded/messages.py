@@ -7,10 +7,16 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-__all__ = ["COMMANDS", "GOALS", "POSES", "STAMPLESS", "TRANSFORMS", "Row", "decoder", "transforms"]
+__all__ = [
+    "COMMANDS", "FOOTPRINTS", "GOALS", "ODOMETRY", "POSES", "STAMPLESS", "TRANSFORMS", "Row", "decoder", "polygon",
+    "transforms",
+]  # fmt: skip
 
-Row = tuple[int, float, float, float, str]
-"""Header stamp (ns, 0 for none), three numbers (x, y, heading; or nu, omega, 0), and the frame."""
+Row = tuple[int, tuple[float, ...], str]
+"""Header stamp (ns, 0 for none), three numbers (x, y, heading; or nu, omega, 0), and the frame.
+
+Behind the numbers of odometry come its own nu and omega.
+"""
 
 STAMPLESS = -(2**63)
 """Stamp of a message whose type has none."""
@@ -21,11 +27,13 @@ POSES = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/PoseStamped",
 )
+ODOMETRY = POSES[1]
+FOOTPRINTS = ("geometry_msgs/msg/PolygonStamped", "geometry_msgs/msg/Polygon")
 COMMANDS = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 _PATH, _SENT = "nav_msgs/msg/Path", "nav2_msgs/action/NavigateToPose_SendGoal_Event"
 GOALS = (POSES[2], _PATH, _SENT)
 
-_NOWHERE: Row = (0, math.nan, math.nan, math.nan, "")  # of a path or request that is empty
+_NOWHERE: Row = (0, (math.nan, math.nan, math.nan), "")  # of a path or request that is empty
 
 _NAVIGATE = """uint8[16] goal_id
 geometry_msgs/PoseStamped pose
@@ -49,7 +57,7 @@ def decoder(kind: str) -> Callable[[bytes], Row]:
     """
     number: Callable[[Any], Row] | None = {
         POSES[0]: lambda message: _pose(message.header, message.pose.pose),
-        POSES[1]: lambda message: _pose(message.header, message.pose.pose),
+        ODOMETRY: lambda message: _odometry(message.header, message.pose.pose, message.twist.twist),
         POSES[2]: lambda message: _pose(message.header, message.pose),
         COMMANDS[0]: lambda message: _command(None, message),
         COMMANDS[1]: lambda message: _command(message.header, message.twist),
@@ -88,6 +96,21 @@ def transforms(data: bytes) -> list[tuple[str, str, int, float, float, float]]:
         raise ValueError(f"{TRANSFORMS}: {str(error) or type(error).__name__}") from None
 
 
+def polygon(kind: str, data: bytes) -> tuple[int, str, list[tuple[float, float]]]:
+    """Stamp (ns, 0 for none), frame and corners (m) of a message of a type of `FOOTPRINTS`.
+
+    Raises:
+        ValueError: The data is no such message.
+    """
+    try:
+        message = _parser(kind)(data, kind)
+        header, shape = (message.header, message.polygon) if kind == FOOTPRINTS[0] else (None, message)
+        points = [(float(point.x), float(point.y)) for point in shape.points]
+        return (0, "", points) if header is None else (_stamp(header), header.frame_id, points)
+    except Exception as error:
+        raise ValueError(f"{kind}: {str(error) or type(error).__name__}") from None
+
+
 @cache
 def _parser(kind: str) -> Callable[[bytes, str], Any]:
     """Reads data of a type of ROS 2; of Nav2's, which rosbags does not know, by its definition."""
@@ -101,7 +124,12 @@ def _parser(kind: str) -> Callable[[bytes, str], Any]:
 
 
 def _pose(header: Any, pose: Any) -> Row:
-    return _stamp(header), pose.position.x, pose.position.y, _heading(pose.orientation), header.frame_id
+    return _stamp(header), (pose.position.x, pose.position.y, _heading(pose.orientation)), header.frame_id
+
+
+def _odometry(header: Any, pose: Any, twist: Any) -> Row:
+    stamp, values, frame = _pose(header, pose)
+    return stamp, (*values, twist.linear.x, twist.angular.z), frame
 
 
 def _heading(q: Any) -> float:
@@ -110,7 +138,7 @@ def _heading(q: Any) -> float:
 
 def _command(header: Any, twist: Any) -> Row:
     stamp, frame = (_stamp(header), header.frame_id) if header is not None else (STAMPLESS, "")
-    return stamp, twist.linear.x, twist.angular.z, 0.0, frame
+    return stamp, (twist.linear.x, twist.angular.z, 0.0), frame
 
 
 def _stamp(header: Any) -> int:

@@ -31,7 +31,7 @@ class Cleaning:
 
 @dataclass
 class Raw:
-    """What is read of a topic, in the order of the storage and in little memory: 48 bytes a message."""
+    """What is read of a topic, in the order of the storage and in little memory: 48 bytes a message, 64 of odometry."""
 
     kind: str
     frame: str = ""
@@ -40,13 +40,21 @@ class Raw:
     values: array[float] = field(default_factory=lambda: array("d"))  # three a message
     place: array[int] = field(default_factory=lambda: array("q"))  # in the storage, among all that is read
     frames: set[str] = field(default_factory=set)  # that messages name
+    speeds: array[float] = field(default_factory=lambda: array("d"))  # of odometry, nu and omega of each message
 
-    def append(self, place: int, record: int, stamp: int, values: tuple[float, float, float]) -> None:
-        """Adds a message."""
+    def append(self, place: int, record: int, stamp: int, values: tuple[float, ...]) -> None:
+        """Adds a message: three numbers, and of odometry two more."""
         self.place.append(place)
         self.record.append(record)
         self.stamp.append(stamp)
-        self.values.extend(values)
+        self.values.extend(values[:3])
+        self.speeds.extend(values[3:])
+
+    def driven(self) -> Raw:
+        """The speeds of odometry as messages of their own, at the same times."""
+        both = np.frombuffer(self.speeds, np.float64).reshape(-1, 2)
+        values = array("d", np.column_stack([both, np.zeros(len(both))]).tobytes())
+        return Raw(self.kind, self.frame, self.record, self.stamp, values, self.place)
 
 
 @dataclass(frozen=True)

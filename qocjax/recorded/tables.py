@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from qocjax.network.completion import completes
 from qocjax.quality import QocScale, qoc
 from qocjax.recorded.findings import CAUSES
+from qocjax.recorded.limits import RobotLimits
 from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
 from qocjax.study.statistics import estimate
@@ -19,6 +20,7 @@ from qocjax.study.statistics import estimate
 __all__ = [
     "findings_table",
     "group_table",
+    "limits_row",
     "loop_row",
     "percentile",
     "reliability_table",
@@ -59,7 +61,7 @@ def robot_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: Qoc
     rows = []
     for run, label in zip(runs, labels, strict=True):
         judged = run.quality
-        robots = dict.fromkeys([*(judged.robots if judged else ()), *run.commands, *run.loops])
+        robots = dict.fromkeys([*(judged.robots if judged else ()), *run.commands, *run.loops, *run.limits])
         for robot in robots:
             row: dict = {"run": run.name, **label, "robot": robot}
             if judged is not None and robot in judged.robots:
@@ -72,10 +74,23 @@ def robot_table(runs: Sequence[RecordedRun], labels: Sequence[Label], scale: Qoc
                 row["qoc"] = float(qoc(judged.auc[k], scale)) if scale else np.nan
             if robot in run.commands:
                 row |= {f"command_{name}": value for name, value in vars(run.commands[robot]).items()}
+            if robot in run.limits:
+                row |= limits_row(run.limits[robot])
             if robot in run.loops:
                 row |= loop_row([run.loops[robot]])
             rows.append(row)
     return pd.DataFrame(rows)
+
+
+def limits_row(seen: RobotLimits) -> dict:
+    """What a robot was seen to do, in SI units: each part's numbers behind its name, and the caps that follow."""
+    parts = {"told": seen.commanded, "drove": seen.driven, "": seen.accelerations, "footprint": seen.footprint,
+             "nearest": seen.nearest}  # fmt: skip
+    row = {
+        "_".join(filter(None, (part, name))): value
+        for part, each in parts.items() if each is not None for name, value in vars(each).items()
+    }  # fmt: skip
+    return row | {"seen_v_max": seen.v_max, "seen_omega_max": seen.omega_max}
 
 
 def findings_table(runs: Sequence[RecordedRun]) -> pd.DataFrame:

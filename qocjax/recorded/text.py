@@ -7,11 +7,13 @@ import numpy as np
 from qocjax.recorded.commands import CommandReport
 from qocjax.recorded.judge import Quality
 from qocjax.recorded.latency import Latency
+from qocjax.recorded.limits import RobotLimits, Speeds
 from qocjax.recorded.loops import LoopTrace
+from qocjax.recorded.nearest import Nearest
 from qocjax.recorded.run import RecordedRun
 from qocjax.recorded.tables import PERCENTILES, loop_row, percentile
 
-__all__ = ["run_lines"]
+__all__ = ["limit_lines", "nearest_text", "run_lines"]
 
 _PARTS = ("loop_time", "uplink", "compute", "downlink")
 
@@ -35,6 +37,7 @@ def run_lines(run: RecordedRun, qoc: float | None) -> list[str]:
         lines.append(f"  {topic}: {median:.3g} ms (99 %: {most:.3g} ms) later than its quickest")
     lines += [_command_line(robot, report) for robot, report in run.commands.items()]
     lines += [_latency_line(robot, each) for robot, each in run.latency.items()]
+    lines += [line for robot, seen in run.limits.items() for line in limit_lines(robot, seen)]
     lines += [f"  offered QoS of {topic}: {words or 'not recorded'}" for topic, words in run.qos.items()]
     lines += [f"  found {found.count} {found.cause} in {found.where}" for found in run.findings]
     return lines + [f"  note: {text}" for text in run.findings.notes]
@@ -93,7 +96,8 @@ def _one_way_line(delays: np.ndarray) -> str:
 
 def _command_line(robot: str, report: CommandReport) -> str:
     return (
-        f"  commands of {robot}: {report.count}, one in {1e3 * report.period:.4g} ms, {report.gaps} gaps (longest "
+        f"  commands of {robot}: {report.count}, one in {1e3 * report.period:.4g} ms (5 and 95 %: "
+        f"{1e3 * report.period_low:.4g}, {1e3 * report.period_high:.4g} ms), {report.gaps} gaps (longest "
         f"{report.longest_gap:.3g} s), on hold {report.hold_share:.1%}"
     )
 
@@ -104,3 +108,48 @@ def _latency_line(robot: str, latency: Latency) -> str:
         f"  {robot}: moves {1e3 * latency.delay:.0f} ms [{low:.0f}, {high:.0f}] after its commands are recorded "
         f"(estimated from their correlation, {latency.correlation:.2f}; the robot's own response is part of it)"
     )
+
+
+def limit_lines(robot: str, seen: RobotLimits) -> list[str]:
+    """What a robot was seen to do, which it can do at least."""
+    lines = [
+        f"{name}: {_speeds_text(each)}"
+        for name, each in (("told to drive", seen.commanded), ("drove", seen.driven))
+        if each is not None
+    ]
+    if (found := seen.accelerations) is not None:
+        numbers = ", ".join(
+            f"{name} {'none' if (value := getattr(found, name)) is None else f'{value:.3g} {unit}'}"
+            for name, unit in (("ax_max", "m/s²"), ("ax_min", "m/s²"), ("az_max", "rad/s²"))
+        )
+        lines.append(f"{numbers}: 99 % of the slopes of its speeds over {found.window:.3g} s that are clear of noise "
+                     f"({found.ax_noise:.2g} m/s², {found.az_noise:.2g} rad/s²)")  # fmt: skip
+    if (outline := seen.footprint) is not None:
+        centre = {"base": "in its own frame", "pose": "about its pose", "middle": "about the middle of its area"}
+        lines.append(f"footprint of {outline.corners} corners, {centre[outline.centre]}: within {outline.radius:.3g} "
+                     f"m, around {outline.inscribed:.3g} m (a costmap's has its padding in it)")  # fmt: skip
+    caps = ", ".join(f"{name} {value:.3g} {unit}" for name, value, unit in (("v_max", seen.v_max, "m/s"),
+                     ("omega_max", seen.omega_max, "rad/s")) if value is not None)  # fmt: skip
+    if caps:
+        nearest = "" if seen.nearest is None else f"; {nearest_text(seen.nearest)}"
+        lines.append(f"it can do at least {caps}, as it was seen to{nearest}")
+    return [f"  {robot}: {text}" for text in lines]
+
+
+def _speeds_text(each: Speeds) -> str:
+    if not max(each.forward, each.backward, each.turn):
+        return "nowhere, it stands"
+    return (
+        f"up to {each.forward:.3g} m/s forwards, {each.backward:.3g} m/s backwards, {each.turn:.3g} rad/s (99 %; at "
+        f"most {each.forward_max:.3g}, {each.backward_max:.3g}, {each.turn_max:.3g})"
+    )
+
+
+def nearest_text(nearest: Nearest) -> str:
+    """The preset that a robot is like, and how far from it."""
+    apart = ", ".join(
+        f"{name} {share:+.0%}"
+        for name, share in (("v_max", nearest.v_max), ("omega_max", nearest.omega_max), ("radius", nearest.radius))
+        if share is not None
+    )
+    return f"nearest preset: {'' if nearest.near else 'none is near, the least far '}robot={nearest.name} ({apart})"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.footprint import Outline
 from qocjax.recorded.goals import Goal
 from qocjax.recorded.messages import COMMANDS
 from qocjax.recorded.pose_tables import PosesFormat, read_poses
@@ -25,6 +26,8 @@ class TopicPatterns:
     commands: tuple[str, ...]
     goals: tuple[str, ...] = ()
     only: tuple[str, ...] | None = None  # robots wanted, by name with * and ?
+    odometry: tuple[str, ...] = ()  # whose speeds count beside those among the poses
+    footprints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class BagContent:
     qos: dict[str, str]  # offered, by topic
     odometry: dict[str, Raw] = field(default_factory=dict)  # of robots whose poses are others
     goals: dict[str, Goal] = field(default_factory=dict)  # by robot; that of all robots under the empty name
+    driven: dict[str, Raw] = field(default_factory=dict)  # odometry of any robot, for its speeds
+    footprints: dict[str, list[Outline]] = field(default_factory=dict)  # by robot
 
 
 def read_pose_table(
