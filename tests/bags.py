@@ -20,6 +20,8 @@ TWIST = "geometry_msgs/msg/Twist"
 STAMPED = "geometry_msgs/msg/TwistStamped"
 TF = "tf2_msgs/msg/TFMessage"
 PATH = "nav_msgs/msg/Path"
+POLYGON = "geometry_msgs/msg/Polygon"
+PLACED = "geometry_msgs/msg/PolygonStamped"
 
 Message = tuple[float, str, str, Any]  # record time (s), topic, type, message
 _FOREVER = QosTime(9223372036, 854775807)
@@ -35,7 +37,10 @@ def header(stamp: float, frame: str = "map") -> Any:
     return _type("std_msgs/msg/Header")(stamp=time, frame_id=frame)
 
 
-def pose(kind: str, stamp: float, x: float, y: float, heading: float, frame: str = "map") -> Any:
+def pose(
+    kind: str, stamp: float, x: float, y: float, heading: float, frame: str = "map",
+    driven: tuple[float, float] = (0.0, 0.0),
+) -> Any:  # fmt: skip
     point = _type("geometry_msgs/msg/Point")(x=x, y=y, z=0.0)
     turn = _type("geometry_msgs/msg/Quaternion")(x=0.0, y=0.0, z=np.sin(heading / 2), w=np.cos(heading / 2))
     plain = _type("geometry_msgs/msg/Pose")(position=point, orientation=turn)
@@ -44,7 +49,7 @@ def pose(kind: str, stamp: float, x: float, y: float, heading: float, frame: str
     both = _type("geometry_msgs/msg/PoseWithCovariance")(pose=plain, covariance=np.zeros(36))
     if kind == AMCL:
         return _type(kind)(header=header(stamp, frame), pose=both)
-    twist = _type("geometry_msgs/msg/TwistWithCovariance")(twist=speeds(0.0, 0.0), covariance=np.zeros(36))
+    twist = _type("geometry_msgs/msg/TwistWithCovariance")(twist=speeds(*driven), covariance=np.zeros(36))
     return _type(kind)(header=header(stamp, frame), child_frame_id="base_link", pose=both, twist=twist)
 
 
@@ -68,6 +73,13 @@ def transforms(*each: tuple[str, str, float, float, float, float]) -> Any:
         stamped_ = _type("geometry_msgs/msg/TransformStamped")
         made.append(stamped_(header=header(stamp, parent), child_frame_id=child, transform=place))
     return _type(TF)(transforms=made)
+
+
+def outline(kind: str, stamp: float, corners: list[tuple[float, float]], frame: str = "odom") -> Any:
+    """A footprint of either type."""
+    point = _type("geometry_msgs/msg/Point32")
+    shape = _type(POLYGON)(points=[point(x=x, y=y, z=0.0) for x, y in corners])
+    return shape if kind == POLYGON else _type(kind)(header=header(stamp, frame), polygon=shape)
 
 
 def plan(stamp: float, points: list[tuple[float, float]], frame: str = "map") -> Any:
