@@ -265,6 +265,8 @@ def test_two_robots_are_told_apart(tmp_path: Path) -> None:
     assert {name: round(seen.v_max or 0.0, 3) for name, seen in run.limits.items()} == {"a": 0.3, "b": 0.2}
     seen = robot_seen(run, PAPER, "paper", chosen=False)
     assert seen.options == {} and "the bag shows several, a, b" in seen.text
+    with pytest.raises(ValueError, match="delays from commands to motion of 2 robots, a, b; expected"):
+        TraceConfig(kind="trace", path=str(tmp_path / "bag")).build()
 
 
 def test_dirt_is_counted_and_left_out(tmp_path: Path) -> None:
@@ -284,6 +286,8 @@ def test_bags_that_show_less_say_less(tmp_path: Path) -> None:
     only_odometry = [each for each in drive() if each[2] == ODOM]
     seen = read(write_bag(tmp_path / "driven", only_odometry)).limits["robot"]
     assert seen.commanded is None and seen.v_max == pytest.approx(0.3, rel=0.01)
+    with pytest.raises(ValueError, match="holds no commands, whose stamps or motion tell how long loops take"):
+        TraceConfig(kind="trace", path=str(tmp_path / "driven")).build()
     empty = read(write_bag(tmp_path / "empty", drive(twists=False)))
     assert any("its twists are 0 although it moves" in note for note in empty.findings.notes)
     assert empty.limits["robot"].driven is not None

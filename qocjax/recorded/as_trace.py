@@ -89,8 +89,7 @@ def trace_of(run: RecordedRun, source: str, period: float | None = None) -> Trac
         ValueError: It has no loops, or those of several robots.
     """
     if len(run.loops) != 1:
-        said = "; ".join(run.findings.notes) or f"holds the loops of {len(run.loops)} robots"
-        raise ValueError(f"{source}: {said}; expected the loop times of one robot")
+        raise ValueError(f"{source}: {_without_loops(run)}; expected the loop times of one robot")
     (trace,) = run.loops.values()
     found = [f"{each.count} {each.cause}" for each in run.findings]
     if found:
@@ -107,3 +106,14 @@ def trace_of(run: RecordedRun, source: str, period: float | None = None) -> Trac
         )  # fmt: skip
     label = f"{source} ({run.format})" if run.format else source
     return Trace(np.asarray(table["loop_time"], float), run.name, period, label, origin)
+
+
+def _without_loops(run: RecordedRun) -> str:
+    """Why a run does not have the loops of one robot."""
+    if run.loops:
+        return f"holds the loops of {len(run.loops)} robots, {', '.join(run.loops)}"
+    if run.latency:
+        return f"holds the delays from commands to motion of {len(run.latency)} robots, {', '.join(run.latency)}"
+    if run.limits and not run.commands:
+        return "holds no commands, whose stamps or motion tell how long loops take"
+    return "; ".join(run.findings.notes) or "holds the loops of 0 robots"

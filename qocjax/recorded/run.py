@@ -180,7 +180,7 @@ def _limits(
 ) -> dict[str, RobotLimits]:
     """What the robots were seen to do, and their size."""
     found = {}
-    for robot in dict.fromkeys([*commands, *content.driven, *content.footprints]):
+    for robot in sorted({*commands, *content.driven, *content.footprints}):
         told = speeds(commands[robot].values, rules.cleaning) if robot in commands else None
         driven, outline = None, None
         if robot in content.driven:
