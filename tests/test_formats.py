@@ -276,4 +276,4 @@ def test_one_command_reads_and_advises(tmp_path: Path) -> None:
     assert done.returncode == 2 and "was measured with a loop every 100 ms (its send times)" in done.stderr
     done = subprocess.run([*line, "loop.tau=0.1"], cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8")
     assert done.returncode == 0, done.stderr
-    assert "ping  (ping, text, 5.9 s)" in done.stdout and "RECOMMENDED" in done.stdout
+    assert "ping  (ping, text, 5.9 s)" in done.stdout and "SET THIS" in done.stdout

@@ -22,9 +22,10 @@ from qocjax.config.robots import presets
 from qocjax.config.simulation import RobotConfig
 from qocjax.ingest import run as ingest_run
 from qocjax.recorded import RecordedRun
+from qocjax.recorded.accelerations import accelerations
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.footprint import Outline, footprint_of
-from qocjax.recorded.limits import accelerations, driven_speeds
+from qocjax.recorded.limits import driven_speeds
 from qocjax.recorded.limits import speeds as largest_speeds
 from qocjax.recorded.nearest import Preset, nearest_preset
 from qocjax.recorded.series import Cleaning, Series

@@ -5,33 +5,25 @@ A recording shows what was driven, and no more: each number is a lower bound of 
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from qocjax.recorded.accelerations import LEVEL, STILL, WINDOW, Accelerations, accelerations
 from qocjax.recorded.findings import Findings
-from qocjax.recorded.footprint import Footprint
-from qocjax.recorded.nearest import Nearest
-from qocjax.recorded.series import Cleaning, Series
+from qocjax.recorded.footprint import Footprint, footprint_of
+from qocjax.recorded.nearest import Nearest, Preset, nearest_preset
+from qocjax.recorded.series import Cleaning, Series, clean
+from qocjax.recorded.topics import BagContent
 
-__all__ = ["Accelerations", "RobotLimits", "Speeds", "accelerations", "driven_speeds", "speeds"]
+__all__ = ["RobotLimits", "Speeds", "driven_speeds", "limits_of", "speeds"]
 
 Array = NDArray[np.float64]
 
-LEVEL = 99  # %, of the samples that a cap seen is not below
-WINDOW = 0.2  # s, at least, over which a change of speed is measured
-_SAMPLES = 5  # at least, in a window
-_CLEAR = 4.0  # standard errors, from where on a change is none of the noise
-_LONGEST = 1.0  # s, of a window, beyond which speeds come too seldom
-_FLAT = 0.01  # m/s² or rad/s², below which a slope is none
-_LUCK = 2.33  # standard errors that 1 % of the samples of a level are above it by
-_STILL = (0.01, 0.02)  # m/s and rad/s, below which a robot stands
 _SEEN = (0.05, 0.2)  # m/s and rad/s, below which it was hardly seen to drive, or to turn
 _MOVED = 0.05  # m
-_BLOCK = 50_000  # windows that are looked at together
 
 
 @dataclass(frozen=True)
@@ -47,21 +39,6 @@ class Speeds:
     backward_max: float
     turn: float  # either way
     turn_max: float
-
-
-@dataclass(frozen=True)
-class Accelerations:
-    """Largest accelerations, in m/s² and rad/s²: what 99 % of those clear of the noise do not pass, less its share.
-
-    None where none is clear.
-    """
-
-    ax_max: float | None
-    ax_min: float | None  # below 0
-    az_max: float | None  # either way
-    ax_noise: float  # what noise alone may look like: four standard errors of a slope
-    az_noise: float
-    window: float  # s, over which slopes are taken
 
 
 @dataclass(frozen=True)
@@ -95,7 +72,7 @@ def speeds(values: Array, cleaning: Cleaning) -> Speeds | None:
     if not kept.any():
         return None
     nu, omega = values[kept, :2].T
-    ways = [(nu, _STILL[0]), (-nu, _STILL[0]), (np.abs(omega), _STILL[1])]
+    ways = [(nu, STILL[0]), (-nu, STILL[0]), (np.abs(omega), STILL[1])]
     found = [number for way, still in ways for number in _largest(way[way > still])]
     return Speeds(*found)
 
@@ -154,57 +131,41 @@ def _from_poses(poses: Series) -> Series:
     return Series(poses.time, poses.record, poses.stamp, poses.late, values, poses.kind, poses.frame)
 
 
-def accelerations(driven: Series) -> Accelerations | None:
-    """The largest accelerations of a robot; None where its speeds are too few or too seldom, or it stands.
-
-    A line is fitted to the speeds in each window of 0.2 s or five samples, whichever is longer, after a median of three
-    has taken single spikes out. Its slope counts where it is four standard errors from 0, with the noise of a sample
-    from the second differences of the speeds while it moves, by their median; so what noise makes of steady driving is
-    left out. Of the level that 99 % of the slopes that count do not pass, 2.3 standard errors are taken off, as the
-    largest of many are also those that noise made larger. A change that is quicker than the window is seen too slow.
+def limits_of(
+    content: BagContent, commands: Mapping[str, Series], states: Sequence[Mapping[str, Series]], cleaning: Cleaning,
+    presets: Sequence[Preset], findings: Findings,
+) -> dict[str, RobotLimits]:  # fmt: skip
+    """What the robots of a bag were seen to do, and their size, by robot; without those of which nothing is known.
 
     Args:
-        driven: nu (m/s) and omega (rad/s) in order of time.
+        content: As read.
+        commands: Clean, by robot.
+        states: Clean poses by robot, of every kind that there is.
+        cleaning: What counts as wrong.
+        presets: Robots that they may be.
+        findings: Takes counts and remarks.
     """
-    every = np.diff(driven.time)
-    if every.size < _SAMPLES or not np.median(every) > 0.0:
-        return None
-    usual = float(np.median(every))
-    count = max(_SAMPLES, int(np.ceil(WINDOW / usual - 1e-6)) + 1)
-    span = (count - 1) * usual
-    moving = (np.abs(driven.values[:, :2]) > _STILL).any(axis=1)
-    if span > _LONGEST or driven.time.size < count or not moving.any():
-        return None
-    ax, ax_noise = _slopes(driven.time, driven.values[:, 0], moving, count, 1.5 * span)
-    az, az_noise = _slopes(driven.time, driven.values[:, 1], moving, count, 1.5 * span)
-    slower = _above(-ax, ax_noise)
-    return Accelerations(
-        _above(ax, ax_noise), None if slower is None else -slower, _above(np.abs(az), az_noise), ax_noise, az_noise,
-        round(span, 6),
-    )  # fmt: skip
+    found = {}
+    for robot in sorted({*commands, *content.driven, *content.footprints}):
+        told = speeds(commands[robot].values, cleaning) if robot in commands else None
+        driven = _driven(content, robot, cleaning, findings) if robot in content.driven else None
+        known = [part[robot] for part in states if robot in part]
+        outlines = content.footprints.get(robot, [])
+        outline = footprint_of(outlines, known, content.begin, f"footprint of {robot}", findings)
+        done = None if driven is None else speeds(driven.values, cleaning)
+        seen = RobotLimits(told, done, None if driven is None else accelerations(driven), outline)
+        radius = None if outline is None else outline.radius
+        seen = replace(seen, nearest=nearest_preset(seen.v_max, seen.omega_max, radius, presets))
+        if seen != RobotLimits():
+            found[robot] = seen
+    return found
 
 
-def _above(slopes: Array, noise: float) -> float | None:
-    """What most of the slopes clear of the noise do not pass, without the part of luck in it."""
-    clear = slopes[slopes > max(noise, _FLAT)]
-    return _largest(clear)[0] - _LUCK * noise / _CLEAR if clear.size else None
-
-
-def _slopes(time: Array, values: Array, moving: NDArray[np.bool_], count: int, longest: float) -> tuple[Array, float]:
-    """Slopes of lines through windows of so many samples within `longest` s, and what noise may look like."""
-    smooth = values.copy()
-    smooth[1:-1] = np.median(sliding_window_view(values, 3), axis=1)
-    second = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2])
-    driving = moving[2:] & moving[1:-1] & moving[:-2]  # a robot that stands has little noise
-    sigma = 1.4826 * float(np.median(second[driving] if driving.any() else second)) / math.sqrt(6.0)
-    found, widths = [], []
-    for first in range(0, time.size - count + 1, _BLOCK):
-        last = min(first + _BLOCK + count - 1, time.size)
-        t, v = (sliding_window_view(each[first:last], count) for each in (time, smooth))
-        t = t - t.mean(axis=1, keepdims=True)
-        width = (t**2).sum(axis=1)
-        kept = (t[:, -1] - t[:, 0] <= longest) & (width > 0.0)
-        found.append((t[kept] * v[kept]).sum(axis=1) / width[kept])
-        widths.append(width[kept])
-    slopes, width = np.concatenate(found), np.concatenate(widths)
-    return slopes, _CLEAR * sigma / math.sqrt(float(np.median(width))) if width.size else 0.0
+def _driven(content: BagContent, robot: str, cleaning: Cleaning, findings: Findings) -> Series | None:
+    """The speeds of a robot's odometry; what is wrong with its times was said of its poses."""
+    where, raw, quiet = f"speeds of {robot}", content.driven[robot], Findings()
+    twists = raw.driven()
+    values = np.frombuffer(twists.values, np.float64).reshape(-1, 3)
+    findings.count(where, "not_finite", int((~np.isfinite(values).all(axis=1)).sum()))
+    poses, made = (clean(each, content.begin, where, cleaning, quiet) for each in (raw, twists))
+    return driven_speeds(made, poses, where, cleaning, findings)

@@ -12,16 +12,15 @@ from qocjax.recorded.command_loops import command_loops
 from qocjax.recorded.commands import CommandReport, report_commands
 from qocjax.recorded.content import read_bag
 from qocjax.recorded.findings import Findings
-from qocjax.recorded.footprint import footprint_of
 from qocjax.recorded.formats import FORMATS, read_log
 from qocjax.recorded.judge import Quality, Yardstick
 from qocjax.recorded.latency import Latency, command_to_motion
-from qocjax.recorded.limits import RobotLimits, accelerations, driven_speeds, speeds
+from qocjax.recorded.limits import RobotLimits, limits_of
 from qocjax.recorded.loops import ClockRules, LoopTrace, loop_trace
-from qocjax.recorded.nearest import Preset, nearest_preset
+from qocjax.recorded.nearest import Preset
 from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.poses import quality
-from qocjax.recorded.series import Cleaning, Series, clean
+from qocjax.recorded.series import Cleaning, clean
 from qocjax.recorded.stamps import StampsFormat, read_stamps
 from qocjax.recorded.topics import BagContent, TopicPatterns, read_pose_table
 
@@ -171,45 +170,8 @@ def _from_content(
         name, 1e-9 * content.begin or None, 1e-9 * (content.end - content.begin), loops,
         {robot: report for robot, report in reports.items() if report is not None}, judged,
         {topic: values for topic, values in late.items() if values.size}, content.qos, findings, latency=latency,
-        limits=_limits(content, commands, [poses, odometry], rules, findings),
+        limits=limits_of(content, commands, [poses, odometry], rules.cleaning, rules.presets, findings),
     )  # fmt: skip
-
-
-def _limits(
-    content: BagContent, commands: dict[str, Series], states: list[dict[str, Series]], rules: Rules, findings: Findings
-) -> dict[str, RobotLimits]:
-    """What the robots were seen to do, and their size."""
-    found = {}
-    for robot in sorted({*commands, *content.driven, *content.footprints}):
-        told = speeds(commands[robot].values, rules.cleaning) if robot in commands else None
-        driven, outline = None, None
-        if robot in content.driven:
-            driven = _driven(content, robot, rules, findings)
-        if robot in content.footprints:
-            known = [part[robot] for part in states if robot in part]
-            where = f"footprint of {robot}"
-            outline = footprint_of(content.footprints[robot], known, content.begin, where, findings)
-        seen = RobotLimits(
-            told, None if driven is None else speeds(driven.values, rules.cleaning),
-            None if driven is None else accelerations(driven), outline,
-        )  # fmt: skip
-        radius = None if outline is None else outline.radius
-        seen = replace(seen, nearest=nearest_preset(seen.v_max, seen.omega_max, radius, rules.presets))
-        if seen != RobotLimits():
-            found[robot] = seen
-    return found
-
-
-def _driven(content: BagContent, robot: str, rules: Rules, findings: Findings) -> Series | None:
-    """The speeds of a robot's odometry; what is wrong with its times was said of its poses."""
-    where, raw = f"speeds of {robot}", content.driven[robot]
-    twists, quiet = raw.driven(), Findings()
-    values = np.frombuffer(twists.values, np.float64).reshape(-1, 3)
-    findings.count(where, "not_finite", int((~np.isfinite(values).all(axis=1)).sum()))
-    poses = clean(raw, content.begin, where, rules.cleaning, quiet)
-    return driven_speeds(
-        clean(twists, content.begin, where, rules.cleaning, quiet), poses, where, rules.cleaning, findings
-    )
 
 
 def _stamp_loops(files: RunFiles, rules: Rules, findings: Findings) -> dict[str, LoopTrace]:
