@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bags import ODOM, TWIST, Message, pose, speeds, write_bag
 
-from qocjax.config.network import TraceConfig
+from qocjax.config.trace import TraceConfig
 from qocjax.recorded import Rules, RunFiles, TopicPatterns, read_run
 from qocjax.recorded.latency import command_to_motion
 from qocjax.recorded.series import Series

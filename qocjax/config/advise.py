@@ -7,10 +7,10 @@ from typing import ClassVar
 
 from qocjax import _checks
 from qocjax.config.bounds import BoundsConfig
-from qocjax.config.network import TraceConfig
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
+from qocjax.config.trace import TraceConfig
 from qocjax.network import Network
 from qocjax.quality import QocScale
 from qocjax.scenario import Design
