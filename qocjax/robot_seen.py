@@ -12,7 +12,9 @@ from qocjax.recorded.limits import RobotLimits
 __all__ = ["RobotSeen", "limits_values", "robot_seen"]
 
 _MORE = 1.1  # times the caps that were asked for, from where on a bag contradicts them
-_UNITS = {"v_max": "m/s", "omega_max": "rad/s", "radius": "m"}
+_UNITS = {
+    "v_max": "m/s", "omega_max": "rad/s", "radius": "m", "ax_max": "m/s²", "ax_min": "m/s²", "az_max": "rad/s²",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class RobotSeen:
 
 
 def robot_seen(run: RecordedRun, robot: RobotConfig, preset: str, chosen: bool) -> RobotSeen:
-    """The caps and the size that a recording shows, unless somebody chose a robot; and what to tell of it.
+    """The caps, accelerations and size that a recording shows, unless somebody chose a robot; and what to tell of it.
 
     Args:
         run: A recording.
@@ -40,10 +42,12 @@ def robot_seen(run: RecordedRun, robot: RobotConfig, preset: str, chosen: bool) 
         return RobotSeen(f"{_values(_own(robot))} (robot={preset}): the bag shows several, {', '.join(run.limits)}.")
     radius = None if seen.footprint is None else seen.footprint.radius
     found = {"v_max": seen.v_max, "omega_max": seen.omega_max, "radius": radius}
+    found |= {name: getattr(seen.accelerations, name, None) for name in ("ax_max", "ax_min", "az_max")}
     told = {name: float(f"{value:.3g}") for name, value in found.items() if value is not None}
     if chosen:
+        own = _own(robot)
         more = {name: value for name, value in told.items()
-                if name != "radius" and value > _MORE * getattr(robot, name)}  # fmt: skip
+                if name != "radius" and name in own and abs(value) > _MORE * abs(own[name])}  # fmt: skip
         beyond = f" The bag shows more: {_values(more)}." if more else ""
         return RobotSeen(f"{_values(_own(robot))}, as given.{beyond}", {}, seen)
     kept = {name: value for name, value in _own(robot).items() if name not in told}
@@ -65,8 +69,8 @@ def _of_loops(run: RecordedRun) -> RobotLimits | None:
 
 
 def _own(robot: RobotConfig) -> dict[str, float]:
-    """Caps and size of a robot."""
-    return {name: getattr(robot, name) for name in _UNITS}
+    """Caps, size and limits on acceleration of a robot, those that there are."""
+    return {name: value for name in _UNITS if (value := getattr(robot, name)) is not None}
 
 
 def _values(values: dict[str, float]) -> str:

@@ -313,7 +313,8 @@ def test_advice_takes_what_a_bag_shows_and_says_so(tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", sorted(drive() + shown, key=lambda each: each[0]))
     run = TraceConfig(kind="trace", path=str(tmp_path / "bag")).read()
     seen = robot_seen(run, PAPER, "paper", chosen=False)
-    assert seen.options == {"v_max": 0.3, "omega_max": 0.9, "radius": 0.224}
+    rates = {name: pytest.approx(value, rel=0.1) for name, value in (("ax_max", 0.6), ("ax_min", -0.6), ("az_max", 11))}
+    assert seen.options == {"v_max": 0.3, "omega_max": 0.9, "radius": 0.224, **rates}
     assert "as the bag shows it: v_max 0.3 m/s, omega_max 0.9 rad/s, radius 0.224 m" in seen.text
     assert "it can do that at least" in seen.text and "robot.v_max=... say otherwise" in seen.text
     given = robot_seen(run, PAPER.model_copy(update={"v_max": 0.2}), "paper", chosen=True)
@@ -335,7 +336,7 @@ def test_the_command_line_advises_on_the_robot_of_the_bag(tmp_path: Path) -> Non
     write_bag(tmp_path / "bag", drive())
     line = [sys.executable, "-m", "qocjax.advise", "path=bag", "advise.bounds.v_max=[0.1,0.5]", "hydra.run.dir=out"]
     done = called(line, tmp_path)
-    assert "ROBOT  as the bag shows it: v_max 0.3 m/s, omega_max 0.9 rad/s." in done.stdout
+    assert "ROBOT  as the bag shows it: v_max 0.3 m/s, omega_max 0.9 rad/s, ax_max" in done.stdout
     assert done.returncode == 2 and "expected at most the robot's 0.3" in done.stderr
 
 
