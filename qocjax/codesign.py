@@ -143,7 +143,9 @@ def summary(found: Codesign, measure: str = "mean", limit: float | None = None) 
         table[parameter] = rows[parameter].map("{:.3g}".format)
     table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)
     table["[with J_med's error]"] = [f"[{r.score_whole_low:.4f}, {r.score_whole_high:.4f}]" for r in rows.itertuples()]
-    lines = [table.to_string(index=False), ""]
+    shown = rows["within_limit"].astype(bool)
+    table["collisions [95 %]"] += np.where(shown, "", " !")
+    lines = [table.to_string(index=False), *([] if shown.all() else ["! not shown to keep the limits"]), ""]
     design = ", ".join(
         f"{item.name} = {best[item.name]:.4g} {printed_unit(item.name)}".strip() for item in fields(Design)
     )
@@ -173,7 +175,15 @@ def summary(found: Codesign, measure: str = "mean", limit: float | None = None) 
         lines += _tie_text(contest.ties)
         if text := bounds_text(best["at_edge"]):
             lines.append(text)
-    return "\n".join(lines)
+    return "\n".join([*lines, *_front_text(found.front, "sampling periods"), *_front_text(found.workers, "edges")])
+
+
+def _front_text(front: pd.DataFrame | None, what: str) -> list[str]:
+    """How many of the designs of a front are shown to keep the limits, and how many of these nothing beats."""
+    if front is None:
+        return []
+    return [f"Best designs of {len(front)} {what}: {int(front['within_limit'].sum())} are shown to keep the limits, "
+            f"{int(front['front'].sum())} of them are on the front."]  # fmt: skip
 
 
 def _tie_text(ties: pd.DataFrame) -> list[str]:
@@ -193,7 +203,8 @@ def limits_text(config: CodesignConfig) -> str:
     """The limits in force, in a line."""
     limits = {name: value for name, value in config.limits.model_dump().items() if value is not None}
     text = ", ".join(f"{name} {value:g}" for name, value in limits.items())
-    return f"Limits: {text} (shares by their estimates on the judging seeds)." if text else "No limits are set."
+    known = " (on fresh seeds; shown to be kept: collisions by the upper end of their interval)"
+    return f"Limits: {text}{known if 'collision_share' in limits else ''}." if text else "No limits are set."
 
 
 def capacity_text(found: Codesign, config: CodesignConfig) -> str:
@@ -217,6 +228,7 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
         "method": best["method"],
         "kept_limits_at_choice": bool(best["kept_at_choice"]),
         "kept_limits_on_fresh_seeds": bool(best["feasible"]),
+        "shown_to_keep_limits": bool(best["within_limit"]),
         "at_edge": best["at_edge"],
         "yardstick": yardstick(problem.objective.scenario),
         "j_med": found.scale.median,

@@ -21,7 +21,7 @@ __all__ = ["draw_codesign", "qoc_against_demand", "search_curves"]
 
 _CURVE = ("repetition", "simulations", "score", "feasible")
 _DEMANDS = {"uplink_kbit_s": "Uplink (kbit/s)", "uplink_blocks": "Uplink (5G PRBs)"}
-_FRONT = ("tau", "loops_per_s", *_DEMANDS, "score", "score_low", "score_high", "feasible", "front")
+_FRONT = ("tau", "loops_per_s", *_DEMANDS, "score", "score_low", "score_high", "feasible", "within_limit", "front")
 _WORKERS = {"workers": "Workers busy in the mean", "edge_workers": "Workers of the edge"}
 _NAMES = {
     "random": "random",
@@ -125,7 +125,8 @@ def qoc_against_demand(
     What a message asks of the network is proportional to loops per second; above are the uplink's rate and its mean
     number of 5G resource blocks. Workers are not, and have an axis of their own.
 
-    Filled points are on the front, open ones are beaten by a design that asks for less, crosses break the limits.
+    Filled points are on the front, open ones are beaten by a design that asks for less. Crosses break the limits, and
+    vertical ones keep them, but not by the upper end of the share of runs with a collision: they are on no front.
 
     Args:
         front: One row per sampling period, or number of workers.
@@ -139,7 +140,7 @@ def qoc_against_demand(
     """
     check_table(front, "front", (*_FRONT, against))
     rows = front.sort_values(against)
-    kept = rows["feasible"].astype(bool)
+    feasible, kept = rows["feasible"].astype(bool), rows["within_limit"].astype(bool)
     with paper_style():
         figure = Figure(figsize=(width, height))
         axes = figure.add_axes((0.155, 0.27, 0.815, 0.455))  # by hand: no layout knows of the axes far above
@@ -148,7 +149,8 @@ def qoc_against_demand(
         for part, fill, marker, label in (
             (best, OKABE_ITO[0], "o", "on the front"),
             (rows[kept & ~rows["front"].astype(bool)], "w", "o", "beaten by less demand"),
-            (rows[~kept], "w", "x", "breaks the limits"),
+            (rows[feasible & ~kept], "w", "+", "safety not shown"),
+            (rows[~feasible], "w", "x", "breaks the limits"),
         ):
             if not part.empty:
                 reach = np.abs(part[["score_low", "score_high"]].to_numpy(float).T - part["score"].to_numpy(float))
@@ -167,7 +169,7 @@ def qoc_against_demand(
             axes.set_xlabel(_WORKERS[against])
         axes.set_ylabel(_LABELS.get(measure, measure))
         axes.margins(x=0.08, y=0.2)
-        figure.legend(loc="lower center", ncols=3, title=r"best design of each, $\tau$ in ms at the points")
+        figure.legend(loc="lower center", ncols=2, title=r"best design of each, $\tau$ in ms at the points")
     return figure
 
 

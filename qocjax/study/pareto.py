@@ -61,7 +61,8 @@ def demand_front(
         key: Root of the random numbers of the method.
 
     Returns:
-        The table of `judge` with `front`: on the front of score against that demand, among those that keep the limits.
+        The table of `judge` with `front`: on the front of score against that demand, among those that keep the
+        limits, on collisions by the upper end of their share.
 
     Raises:
         ValueError: An unknown demand, or one that the network does not tell.
@@ -110,7 +111,7 @@ def worker_front(
 def _with_front(table: pd.DataFrame, against: str) -> pd.DataFrame:
     if table[against].isna().any():
         raise ValueError(f"front.against: got {against}, which the network does not tell, expected another demand")
-    kept = table["feasible"].to_numpy()
+    kept = table["within_limit"].to_numpy()
     table["front"] = False
     table.loc[kept, "front"] = on_front(table.loc[kept, against], table.loc[kept, "score"])
     return table

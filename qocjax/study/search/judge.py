@@ -44,7 +44,7 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | N
         The table holds the design; `score` (the measure) with both 95 % intervals (`_whole_` with the error of J_med in
         it); `qoc` (the mean); the collision share with its Clopper-Pearson interval; F(Delta); the demand; `excess` and
         `feasible`; `at_edge`, the bounds of the search that it lies at; and with a reference `difference` with its
-        paired intervals.
+        paired intervals. `within_limit`: feasible, and even the upper end of the collision share keeps its limit.
     """
     scores, collided = problem.judged(designs, seeds)
     table = pd.DataFrame({item.name: np.asarray(getattr(designs, item.name), float) for item in fields(Design)})
@@ -60,6 +60,8 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | N
         table[name] = values
     table["excess"] = problem.excess(designs, collided)
     table["feasible"] = table["excess"] == 0
+    most = problem.limits.collision_share
+    table["within_limit"] = table["feasible"] & ((most is None) | (table["collision_high"] <= (most or 0.0)))
     table["at_edge"] = [problem.space.at_bounds(row) for row in table.to_dict("records")]
     if reference is not None:
         gaps = [measure.difference(scores[k], reference).columns("difference") for k in range(count)]
