@@ -81,7 +81,8 @@ def advice_values(advice: Advice) -> dict:
         "current_policy": advice.policy,
         "max_collision_share": advice.max_collision_share,
         "network": advice.network, "trace": advice.trace, "computations_at_once": advice.capacity,
-        "loop": advice.character, "judged": advice.judged, "actuation": advice.actuation, "stress": advice.stress,
+        "loop": advice.character, "setup": advice.setup, "judged": advice.judged, "actuation": advice.actuation,
+        "assumptions": advice.assumptions, "stress": advice.stress, "target": target_values(advice),
         "margin": advice.margin, "current_margin": advice.current_margin, "ties": advice.ties,
         "slack": advice.slack and {name: getattr(advice.slack, name) for name in _SLACK},
         "growth": advice.growth, "elasticities": advice.elasticities, "sobol": advice.sobol,
@@ -97,18 +98,22 @@ def _robot_values(config: AdviseConfig, seen: RobotSeen | None) -> dict:
     return plain(config.robot.model_dump() | found)
 
 
+def target_values(advice: Advice) -> dict:
+    """What was asked to be kept, and how near to it recommended and current gains come at their best deadlines."""
+    margins = {"recommended": advice.margin, "current": advice.current_margin}
+    return {"kind": advice.target.kind, "value": advice.target.value, "text": advice.target.text} | {
+        name: {"reached": margin.reached, "best": margin.best_text} for name, margin in margins.items()
+    }
+
+
 def _draw(advice: Advice, folder: Path) -> None:
-    margin = [
-        bound.value if bound.value is not None else advice.margin.best
-        for bound in (advice.margin.low, advice.margin.high)
-    ]
     deadlines = (float(np.asarray(advice.recommended.deadline)), float(np.asarray(advice.current.deadline)))
     save(
         advice_figure(
             advice.curve,
             advice.judged,
             advice.stress,
-            (margin[0], margin[1]),
+            advice.margin.ends,
             deadlines,
             limit=advice.max_collision_share,
         ),
@@ -118,7 +123,10 @@ def _draw(advice: Advice, folder: Path) -> None:
         points = {name: (at, share) for name, at, share in advice.policies}
         own = pd.DataFrame([*points.values()], columns=["deadline", "reliability"])
         curve = pd.concat([advice.curve[["deadline", "reliability"]], own])
-        save(delay_reliability_map(advice.slack.plane, curve, points), folder / "margins")
+        save(
+            delay_reliability_map(advice.slack.plane, curve, points, limit=advice.max_collision_share),
+            folder / "margins",
+        )
     save(sensitivity_bars(advice.elasticities, advice.sobol), folder / "sensitivity")
 
 

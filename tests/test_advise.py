@@ -29,9 +29,12 @@ from qocjax.nav2 import nav2_text
 from qocjax.network import Edge, GilbertElliott, Leg, Load, LoopNetwork, Trace, TruncatedNormal, with_edge
 from qocjax.study.advice import Advice, plain
 from qocjax.study.character import candidate_deadlines, characterise, quantiles
-from qocjax.study.margins import Bound, Margin
+from qocjax.study.margins import Margin
+from qocjax.study.reaching import Bound
 from qocjax.study.sensitivity import Box
 from qocjax.study.shortlist import Effort, shortlist
+from qocjax.study.statistics import Estimate
+from qocjax.study.target import Target
 from qocjax.study.verdict import answer_of
 
 LATE = Design(tau=0.1, deadline=0.7)
@@ -130,6 +133,9 @@ def test_stress_takes_loops_away(advice: Advice) -> None:
     assert shares["all loop times x 1.5"] < shares["as it is"] <= shares["as it is, deadline x 1.5"]
     assert shares["computing x 1.5"] < shares["as it is"]
     assert rows.loc["as it is", "change"] == 0 and rows["current_qoc"].notna().sum() == 5
+    assert set(rows["stands"]) <= {"yes", "no", "not shown"} and rows["stands"].iloc[0] == "yes"  # 100 % may collide
+    falls = rows["qoc"] < advice.target.level(rows["qoc"].iloc[0])
+    assert (rows["stands"] == np.where(falls, "no", "yes")).all()
 
 
 def test_nothing_written_is_nan(advice: Advice) -> None:
@@ -199,6 +205,13 @@ def test_no_design_without_collisions_is_said() -> None:
         (["advise.rounds=[8, 4]"], r"rounds: got \[8, 4\]"),
         (["advise.longest_deadline_ms=30"], "longest_deadline: got 30 ms"),
         (["advise.max_collision_share=2"], "max_collision_share: got 2"),
+        (
+            ["advise.margins.target.auc_s=6", "advise.margins.target.closest_m=0.3"],
+            "advise.margins.target: got auc_s and closest_m, expected one of share_of_best, auc_s",
+        ),
+        (["advise.margins.target.share_of_best=2"], "margins.target.share_of_best: got 2"),
+        (["advise.margins.target.time_to_goal_s=5"], "time_to_goal_s: got 5, expected at most the 4 s of a run"),
+        (["advise.margins.target=0.6"], "advise.margins.target: got 0.6"),
     ],
 )
 def test_bad_options_are_refused_by_name(composer: None, options: list[str], message: str) -> None:
@@ -218,7 +231,7 @@ def test_the_command_writes_what_it_says(advice: Advice, folder: Path) -> None:
     assert values["current"]["deadline"] == 0.7 and values["slack"]["delay"] == values["recommended"]["deadline"]
     assert {path.name for path in folder.glob("*.yaml")} == {"advice.yaml", "nav2_params.yaml", "config.yaml"}
     text = page(advice)
-    assert text.startswith("SET THIS: ") and "IS 700 ms ACCEPTABLE?" in text and len(text.splitlines()) < 50
+    assert text.startswith("SET THIS: ") and "IS 700 ms ACCEPTABLE?" in text and len(text.splitlines()) < 60
     assert "all loop times may grow by" in text and "Sobol" in text
     assert list(values["sobol"][0]) == list(advice.sobol) and values["growth"]["value"] >= 1
     assert {path.stem for path in folder.glob("*.csv")} == {"curve", "plane", "elasticities", "sobol"}
@@ -264,16 +277,56 @@ def test_what_fresh_seeds_do_not_bear_out_is_said(advice: Advice) -> None:
 
 def test_whether_the_present_deadline_may_stay(advice: Advice) -> None:
     """YES only where both QoC and the upper end of the collision share keep their limits."""
-    margin = Margin(0.05, 0.3, 0.6, Bound(0.2, 0.2, 0.2, False), Bound(0.4, 0.4, 0.4, False))
+    ends = (Bound(0.2, 0.2, 0.2, False), Bound(0.4, 0.4, 0.4, False))
+    margin = Margin(Target(), 0.3, Estimate(0.6, 0.01, 0.58, 0.62), *ends)
 
     def answer(deadline: float, low: float, high: float) -> str:
         return answer_of(pd.Series({"deadline": deadline, "collision_low": low, "collision_high": high}), margin, 0.05)
 
     assert answer(0.3, 0.0, 0.04) == "yes" and answer(0.3, 0.0, 0.06) == "not shown"
-    assert answer(0.3, 0.06, 0.2) == answer(0.7, 0.06, 0.2) == "no: collisions" and answer(0.7, 0.0, 0.0) == "no: QoC"
-    for found, words in (("yes", "YES: "), ("no: collisions", "NO: "), ("no: QoC", "NO: with your gains"),
-                         ("not shown", "NOT SHOWN: ")):  # fmt: skip
+    assert answer(0.3, 0.06, 0.2) == answer(0.7, 0.06, 0.2) == "no: collisions"
+    assert answer(0.7, 0.0, 0.0) == "no: target"
+    for found, words in (("yes", "YES: "), ("no: collisions", "NO: "), ("not shown", "NOT SHOWN: "),
+                         ("no: target", "NO: asked is that QoC is at least 0.95 of its best; with")):  # fmt: skip
         assert f"ACCEPTABLE? {words}" in page(replace(advice, acceptable=found))
+
+
+def test_a_target_that_nothing_reaches_is_said(advice: Advice) -> None:
+    target = Target("auc_s", 0.5)
+    here = replace(advice.margin, target=target, merit=Estimate(-2.0, 0.1, -2.2, -1.8), best=0.3)
+    own = replace(here, merit=Estimate(-3.0, 0.1, -3.2, -2.8), best=0.2)
+    text = page(replace(advice, target=target, margin=here, current_margin=own, acceptable="no: target"))
+    assert (
+        "CANNOT BE REACHED: AUC is at most 0.5 s in the mean. The best is an AUC of 2 [1.8, 2.2] s, at 300 ms" in text
+    )
+    assert "MARGIN  None: " in text and "at no deadline; the best is an AUC of 3 [2.8, 3.2] s, at 200 ms" in text
+    reached = replace(own, merit=Estimate(-0.4, 0.1, -0.6, -0.2))
+    assert "CANNOT" not in page(replace(advice, target=target, margin=here, current_margin=reached))
+
+
+def test_a_target_in_seconds_is_asked_of_everything(composer: None, tmp_path: Path) -> None:
+    """Robots that are never there within a second miss it; those that have 4 s keep it."""
+    options = [*SMALL, "advise.margins.points=0", "advise.margins.target.auc_s=1000"]
+    found = run(load(AdviseConfig, compose("advise", options)), tmp_path)
+    assert found.margin.reached and found.slack.reached and found.slack.level == -1000.0
+    assert found.acceptable in ("yes", "not shown") and (found.stress["stands"] != "no").all()
+    values = yaml.safe_load((tmp_path / "advice.yaml").read_text())
+    assert values["target"]["kind"] == "auc_s" and values["target"]["recommended"]["reached"] is True
+    assert "AUC is at most 1000 s in the mean" in page(found)
+
+
+def test_what_matters_most_is_named(advice: Advice) -> None:
+    table = advice.assumptions
+    assert set(table["what"]) == {
+        "when commands take effect", "what a missed loop does", "what computes at the edge"
+    }  # fmt: skip
+    order = [(low <= advice.max_collision_share, -abs(change))
+             for low, change in zip(table["collision_low"], table["change"], strict=True)]  # fmt: skip
+    assert order == sorted(order)
+    actuation = table.set_index("what").loc["when commands take effect"]
+    assert actuation["qoc"] == pytest.approx(advice.actuation.here.given.mean)
+    assert actuation["change"] == pytest.approx(actuation["qoc"] - advice.stress["qoc"].iloc[0])
+    assert f"HANGS ON   {table['what'].iloc[0]}: {table['assumed'].iloc[0]}." in page(advice)
 
 
 def test_a_cliff_is_said(advice: Advice) -> None:

@@ -7,22 +7,21 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+import xarray as xr
+from scipy import special
 
 from qocjax import Design, QocScale, Rules, Scenario, paper_network
 from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, Load, LoopNetwork, Trace, loop_times
 from qocjax.network.stressed import Stressed
-from qocjax.study.margins import (
-    Plane,
-    deadline_margin,
-    delay_reliability_plane,
-    largest_delay,
-    reach,
-    smallest_reliability,
-)
+from qocjax.study.margins import deadline_margin
 from qocjax.study.objective import Objective
+from qocjax.study.plane import Plane, delay_reliability_plane, largest_delay, smallest_reliability
+from qocjax.study.reaching import reach
+from qocjax.study.scores import Scores
 from qocjax.study.sensitivity import Box, elasticities, sobol
 from qocjax.study.slack import Asked, find_slack
 from qocjax.study.stress import GROWTHS, largest_growth, stress_table
+from qocjax.study.target import Target, collision_excess
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1, deadline=0.3)
@@ -34,7 +33,8 @@ def a_plane(seeds: int = 20) -> Plane:
     """QoC = 0.7 - delay + 0.3 F + noise of the seed: what is linear, interpolation gets exactly."""
     delay, share = np.linspace(0.1, 0.5, 5), np.array([0.1, 0.4, 1.0])
     noise = np.random.default_rng(0).normal(0, 0.02, seeds)
-    return Plane(delay, share, 0.7 - delay[None, :, None] + 0.3 * share[:, None, None] + noise)
+    scores = 0.7 - delay[None, :, None] + 0.3 * share[:, None, None] + noise
+    return Plane(delay, share, scores, scores, np.zeros(scores.shape, bool))
 
 
 def test_inverse_questions_on_a_linear_plane() -> None:
@@ -68,11 +68,12 @@ def test_margin_of_a_tent() -> None:
     axis = np.array([0.1, 0.2, 0.3, 0.45, 0.6, 0.7, 0.8])
     scores = 1.0 - 0.5 * np.abs(axis - 0.3)
     scores[-1] = 0.99  # as good, but not connected to the best
-    margin = deadline_margin(axis, np.tile(scores[:, None], 4), share=0.05)
-    assert (margin.best, margin.qoc) == (0.3, 1.0)
+    margin = deadline_margin(axis, np.tile(scores[:, None], 4), Target("share_of_best", 0.95))
+    assert (margin.best, margin.merit.mean) == (0.3, 1.0) and margin.reached
     assert margin.low.value == pytest.approx(0.2) and margin.high.value == pytest.approx(0.4)
     assert [margin.low.low, margin.low.high] == pytest.approx([0.2, 0.2])  # all seeds alike: nothing to be unsure of
-    whole = deadline_margin(axis, np.tile(scores[:, None], 4), share=0.5)
+    assert margin.holds(0.2) and margin.holds(0.4) and not margin.holds(0.41)
+    whole = deadline_margin(axis, np.tile(scores[:, None], 4), Target("share_of_best", 0.5))
     assert (whole.low.value, whole.high.value) == (0.1, 0.8)
     assert whole.low.at_edge and whole.high.at_edge
 
@@ -104,12 +105,63 @@ def test_bad_input_of_margins() -> None:
         deadline_margin([0.2, 0.1], np.zeros((2, 3)))
     with pytest.raises(ValueError, match="axis: got"):
         reach([0.2, 0.1], np.zeros((2, 3)), 0.5)
-    for name, value in (("share", 0.0), ("target", 1.5), ("reliability", 0.0), ("delay", -1.0), ("delays", 2),
+    for name, value in (("plane_seeds", 1), ("reliability", 0.0), ("delay", -1.0), ("delays", 2),
                         ("points", 12), ("seeds", 1)):  # fmt: skip
         with pytest.raises(ValueError, match=f"margins.{name}: got {value}"):
             Asked(**{name: value})
     with pytest.raises(ValueError, match="margins.delay: got 0.9"):
         find_slack(objective, BASE, 0.5, range(4), Asked(delay=0.9))
+
+
+def test_a_target_in_each_of_its_units() -> None:
+    """Merits by hand: seeds that keep a time or a distance count 1, AUC counts by itself."""
+    runs = xr.Dataset({
+        "auc": (("design", "seed", "robot"), [[[2.0, 4.0], [np.inf, 5.0], [1.0, 1.0]]]),
+        "arrival_time": (("design", "seed", "robot"), [[[3.0, 7.9], [np.inf, 2.0], [8.0, 8.0]]]),
+        "min_distance": (("design", "seed"), [[0.3, 0.1, 0.5]]),
+    })  # fmt: skip
+    scores = Scores.of(runs["auc"].values, SCALE)
+    for target, merits, level in (
+        (Target("share_of_best", 0.9), scores.values[0], 0.45),
+        (Target("auc_s", 6.0), [-3.0, -5.0, -1.0], -6.0),
+        (Target("time_to_goal_s", 8.0), [1.0, 0.0, 1.0], 0.95),
+        (Target("closest_m", 0.3), [1.0, 0.0, 1.0], 0.95),
+    ):
+        np.testing.assert_allclose(target.merits(runs, scores)[0], merits)
+        assert target.level(0.5) == pytest.approx(level) and f"{target.value:g}" in target.text
+    for kind, value in (("share_of_best", 1.2), ("auc_s", 0.0), ("time_to_goal_s", -1.0), ("closest_m", 0.0)):
+        with pytest.raises(ValueError, match=f"margins.target.{kind}: got {value:g}"):
+            Target(kind, value)
+    with pytest.raises(ValueError, match="margins.target: got 'qoc'"):
+        Target("qoc", 0.5)
+    with pytest.raises(ValueError, match="time_to_goal_s: got 9, expected at most the 4 s of a run"):
+        Target("time_to_goal_s", 9.0).check(SCENARIO)
+    with pytest.raises(ValueError, match="closest_m: got it for one robot"):
+        Target("closest_m", 1.0).check(Scenario(start=[[0.0, 0.0, 0.0]]))
+
+
+def test_a_margin_ends_where_collisions_break_their_limit() -> None:
+    axis, flat = np.array([0.1, 0.2, 0.3, 0.4]), np.tile([[0.9], [1.0], [0.99], [0.98]], 4)
+    excess = np.array([-0.1, -0.1, -0.1, 0.3])
+    margin = deadline_margin(axis, flat, Target(), excess=excess)
+    assert margin.low.value == pytest.approx(0.15) and margin.high.value == pytest.approx(0.325)
+    missed = deadline_margin(axis, -flat, Target("auc_s", 0.5), excess=excess)
+    assert not missed.reached and missed.low.value is None and missed.high.value is None and missed.best == 0.1
+    assert not missed.holds(0.1) and missed.best_text == "an AUC of 0.9 [0.9, 0.9] s, at 100 ms"
+    with pytest.raises(ValueError, match="excess: got 0.1"):
+        deadline_margin(axis, flat, Target(), excess=0.1)
+    hits = np.zeros((2, 400), bool)
+    hits[1, :40] = True
+    upper = special.betaincinv(41, 360, 0.975)  # Clopper and Pearson
+    np.testing.assert_allclose(collision_excess(hits, 0.05), [1 - 0.025 ** (1 / 400) - 0.05, upper - 0.05], atol=1e-9)
+    assert collision_excess(hits, 0.0)[0] == 0.0  # that none breaks a limit of 0 cannot be shown
+    plane = a_plane(400)
+    risky = replace(plane, collided=np.broadcast_to(plane.delay[None, :, None] > 0.35, plane.scores.shape))
+    found = largest_delay(risky, 0.3, 0.4, limit=0.05)
+    ends = np.array([1 - 0.025 ** (1 / 400), 1.0]) - 0.05
+    assert found.value == pytest.approx(0.3 + 0.1 * ends[0] / (ends[0] - ends[1])) and found.value < 0.31
+    table = risky.to_table().set_index("delay")
+    assert (table.loc[0.5, "collision_low"] > 0.98).all() and (table.loc[0.1, "collision_high"] < 0.01).all()
 
 
 class Formula:
@@ -191,30 +243,32 @@ def test_doubled_losses_and_misses() -> None:
 
 def test_slack_answers_what_is_asked() -> None:
     objective = Objective(SCENARIO, paper_network(), SCALE)
-    asked = Asked(target=0.3, reliability=0.45, delay=0.22, delays=3)
+    asked = Asked(Target("share_of_best", 0.95), reliability=0.45, delay=0.22, delays=3)
     found = find_slack(objective, BASE, 0.6, range(4), asked)
-    assert (found.delay, found.reliability, found.target) == (0.22, 0.45, 0.3)
+    assert (found.delay, found.reliability, found.reached) == (0.22, 0.45, True)
     plane = found.plane
     assert {0.22, 0.3} <= set(plane["delay"]) and 0.45 in set(plane["reliability"])
     row = plane[plane["reliability"] == 0.45].set_index("delay")["qoc"]
-    assert row.iloc[0] > 0.3 > row.iloc[-1]
-    assert np.interp(found.largest_delay.value, row.index, row) == pytest.approx(0.3, abs=1e-6)
-    own = find_slack(objective, BASE, 0.6, range(4), Asked(share=0.1, delays=3))
+    assert row.index[0] <= 0.5 * 0.22 and row.iloc[0] > found.level > row.iloc[-1]  # no cliff is hidden
+    assert np.interp(found.largest_delay.value, row.index, row) == pytest.approx(found.level, abs=1e-6)
+    own = find_slack(objective, BASE, 0.6, range(4), Asked(Target("share_of_best", 0.9), delays=3))
     here = float(paper_network().reliability(0.3).share)
     cell = own.plane.set_index(["reliability", "delay"])["qoc"][here, 0.3]
-    assert own.target == pytest.approx(0.9 * cell) and own.reliability == here and own.delay == 0.3
+    assert own.level == pytest.approx(0.9 * cell) and own.reliability == here and own.delay == 0.3
+    quick = find_slack(objective, BASE, 0.6, range(4), Asked(Target("auc_s", 1e-3), delays=3))
+    assert not quick.reached and quick.largest_delay.value is None and quick.smallest_reliability.value is None
 
 
 def test_loops_may_grow_until_they_miss_the_deadline() -> None:
     """Constant loops of 0.2 s just meet 0.3 s at 1.5 times their length; beyond it none completes."""
     network = LoopNetwork(compute=Constant(0.2), name="constant")
     objective = Objective(SCENARIO, network, SCALE)
-    found = largest_growth(objective, BASE, range(4), 0.05)
+    found = largest_growth(objective, BASE, range(4), Target())
     place = GROWTHS.index(1.5)
     assert GROWTHS[place] <= found.value < GROWTHS[place + 1]
     assert objective.simulations == 4 * len(GROWTHS)
     table = stress_table(objective, BASE, {"current": replace(BASE, deadline=0.2)}, range(4)).set_index("what")
     assert table.loc["all loop times x 1.5", "change"] == 0
     assert table.loc["as it is", "current_qoc"] > table.loc["all loop times x 1.25", "current_qoc"]  # 0.25 s miss 0.2 s
-    safe = largest_growth(objective, replace(BASE, deadline=0.7), range(4), 0.05)
+    safe = largest_growth(objective, replace(BASE, deadline=0.7), range(4), Target())
     assert safe.value == GROWTHS[-1] and safe.at_edge

@@ -15,8 +15,9 @@ from qocjax.network import Trace, loop_times, paper_network
 from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.network.stressed import Stressed
 from qocjax.quality import QocScale
-from qocjax.study.margins import deadline_margin, reach
+from qocjax.study.margins import deadline_margin
 from qocjax.study.objective import Objective
+from qocjax.study.reaching import reach
 from qocjax.study.recorded import network_keys
 from qocjax.study.scales import scale_of_runs, standing_still
 from qocjax.study.scores import Scores, seed_scores
@@ -25,7 +26,8 @@ from qocjax.study.statistics import estimate, paired, relative, resampled, share
 from qocjax.study.tuning import Bounds
 from qocjax.study.tuning import judge as judge_tuned
 from qocjax.study.tuning.problem import Problem as TuningProblem
-from qocjax.study.units import replayed_trace, seeds_apart, trace_remark, units_in, units_of
+from qocjax.network.trace import replayed_trace
+from qocjax.study.units import seeds_apart, trace_remark, units_in, units_of
 from qocjax.study.validation.resample import resample
 from qocjax.study.validation.simulated import simulated_curve
 
@@ -169,7 +171,7 @@ def test_bootstrap_samples_draw_whole_stretches() -> None:
     assert spread == pytest.approx(values[::5].std() / math.sqrt(10), rel=0.05)
     axis = [0.1, 0.2, 0.3, 0.4]
     noisy = np.array([0.5, 0.8, 0.7, 0.4])[:, None] + np.outer([0.1, -0.1, 0.0, 0.0], values)
-    alone, whole = (deadline_margin(axis, noisy, 0.05, each) for each in (None, units))
+    alone, whole = (deadline_margin(axis, noisy, units=each) for each in (None, units))
     assert whole.low.high - whole.low.low > alone.low.high - alone.low.low  # type: ignore[operator]
     assert reach(axis, noisy[[1, 1, 2, 3]], 0.6, units).value == reach(axis, noisy[[1, 1, 2, 3]], 0.6).value
 

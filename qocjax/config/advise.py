@@ -16,18 +16,39 @@ from qocjax.quality import QocScale
 from qocjax.scenario import Design
 from qocjax.study.shortlist import Effort
 from qocjax.study.slack import Asked
+from qocjax.study.target import KINDS, Target
 
 __all__ = ["AdviseConfig"]
+
+
+class TargetConfig(Part):
+    """What the margins keep; at most one of these."""
+
+    share_of_best: float | None
+    auc_s: float | None
+    time_to_goal_s: float | None
+    closest_m: float | None
+
+    def build(self) -> Target:
+        """The target.
+
+        Raises:
+            ValueError: More than one, or a bad number.
+        """
+        given = {name: value for name, value in self.model_dump().items() if value is not None}
+        if len(given) > 1:
+            raise ValueError(f"advise.margins.target: got {' and '.join(given)}, expected one of {', '.join(KINDS)}")
+        return Target(*next(iter(given.items()))) if given else Target()
 
 
 class MarginsConfig(Part):
     """Which margins are asked for."""
 
-    share: float
-    target: float | None
+    target: TargetConfig
     reliability: float | None
     delay_ms: float | None
     delays: int
+    plane_seeds: int
     seeds: int
     points: int
 
@@ -100,7 +121,8 @@ class AdviseConfig(SimulationConfig):
         """Which margins are asked for."""
         part = self.advise.margins
         delay = None if part.delay_ms is None else part.delay_ms / 1e3
-        return Asked(part.share, part.target, part.reliability, delay, part.delays, part.seeds, part.points)
+        sizes = {name: getattr(part, name) for name in ("delays", "plane_seeds", "seeds", "points")}
+        return Asked(part.target.build(), part.reliability, delay, **sizes)
 
     def effort(self) -> Effort:
         """How much to simulate."""

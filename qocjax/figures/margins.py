@@ -1,8 +1,9 @@
-"""QoC over delay and reliability set apart, with the network's own curve through them (model, section 4)."""
+"""QoC over delay and reliability set apart, where robots collide, and the network's own curve (model, section 4)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
@@ -21,6 +23,7 @@ __all__ = ["delay_reliability_map"]
 _LEVELS = 7  # contours, about
 _NEAR = 13.0  # points between a mark and a level that is written
 _WIDE = 30  # ratio of delays above which their axis is logarithmic
+_BREAKS, _OPEN = "xxxx", "...."  # hatches: collisions break the limit; are not shown to keep it
 
 
 def delay_reliability_map(
@@ -28,17 +31,21 @@ def delay_reliability_map(
     curve: pd.DataFrame,
     points: Mapping[str, tuple[float, float]] | None = None,
     *,
+    limit: float | None = None,
     width: float = SINGLE_COLUMN,
     height: float = 2.7,
 ) -> Figure:
     """Draws contours of equal QoC over constant delay and independent completion, and the curve (Δ, F(Δ)) on them.
 
     Reliability is drawn on a logarithmic axis: whether one loop in fifty or one in ten completes matters as much.
+    Crosses cover where the share of runs with a collision breaks its limit even by the lower end of its interval, dots
+    where it does by the upper end: there it is not shown to be kept.
 
     Args:
-        plane: One row per cell: delay (s), reliability, qoc.
+        plane: One row per cell: delay (s), reliability, qoc, collision_low and collision_high.
         curve: The network's own deadline (s) and reliability.
         points: (deadline, reliability) of policies, by name.
+        limit: Largest share of runs with a collision; None hatches nothing.
         width: Inches.
         height: Inches.
 
@@ -48,7 +55,8 @@ def delay_reliability_map(
     Raises:
         ValueError: A table is empty, lacks a column or a cell, or holds what cannot be drawn.
     """
-    check_table(plane, "plane", ("delay", "reliability", "qoc"))
+    ends = ("collision_low", "collision_high")
+    check_table(plane, "plane", ("delay", "reliability", "qoc", *(ends if limit is not None else ())))
     check_table(curve, "curve", ("deadline", "reliability"))
     grid = plane[plane["reliability"] > 0].pivot(index="reliability", columns="delay", values="qoc")
     if min(grid.shape) < 2 or grid.isna().any(axis=None):
@@ -59,8 +67,9 @@ def delay_reliability_map(
         figure = Figure(figsize=(width, height), layout="constrained")
         axes = figure.add_subplot()
         contours = _draw_contours(figure, axes, grid)
+        hatches = [] if limit is None else _draw_collisions(axes, plane, limit)
         line = _draw_curve(axes, curve, float(grid.index[0]))
-        handles = [line, *(_draw_point(axes, name, *at, float(grid.index[0])) for name, at in (points or {}).items())]
+        marks = [line, *(_draw_point(axes, name, *at, float(grid.index[0])) for name, at in (points or {}).items())]
         axes.set_xlabel(r"Delay $D$, or deadline $\Delta$ (ms)")
         axes.set_ylabel("Share of loops that complete")
         if grid.columns[0] > 0 and grid.columns[-1] / grid.columns[0] > _WIDE:
@@ -72,20 +81,31 @@ def delay_reliability_map(
             axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlim(1e3 * grid.columns[0], 1e3 * grid.columns[-1])
         axes.set_ylim(grid.index[0], 1.0)
-        figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=1.4)
-        _label_contours(figure, axes, contours, handles)
+        figure.legend(handles=[*marks, *hatches], loc="outside upper center", ncols=2, handlelength=1.4)
+        _label_contours(figure, axes, contours, marks)
     return figure
 
 
 def _label_contours(figure: Figure, axes: Axes, contours: QuadContourSet, marks: list[Line2D]) -> None:
-    """Writes levels on the lines once the axes are what they will be; none where a mark or the curve would cover it."""
+    """Writes levels on the lines once the axes are what they will be; where nothing is covered, cut or crowded."""
     figure.draw_without_rendering()
     taken = np.concatenate([_dense(axes.transData.transform(np.column_stack(mark.get_data()))) for mark in marks])
     room, inside = _NEAR * figure.dpi / 72, axes.get_window_extent()
-    for text in contours.clabel(fontsize=6.5, fmt="%.3g", colors="w"):
-        x, y = place = axes.transData.transform(text.get_position())
-        cut = min(x - inside.x0, inside.x1 - x, y - inside.y0, inside.y1 - y) < 0.7 * room
-        text.set_visible(not cut and float(np.hypot(*(taken - place).T).min()) >= room)
+    write = partial(contours.clabel, fontsize=6.5, fmt="%.3g", colors="w")
+    # Tried without a gap in the line, which would stay where a level is not written.
+    tried = write(inline=False)
+    kept = []
+    for text in tried:
+        place = axes.transData.transform(text.get_position())
+        cut = min(*(place - inside.min), *(inside.max - place)) < 0.7 * room
+        if not cut and float(np.hypot(*(taken - place).T).min()) >= room:
+            kept.append(text.get_position())
+            taken = np.vstack([taken, place])
+    for text in list(tried):
+        text.remove()
+    if kept:
+        for text in write(manual=kept):
+            text.set_path_effects([Stroke(linewidth=1.6, foreground="0.25"), Normal()])
 
 
 def _dense(points: np.ndarray) -> np.ndarray:
@@ -105,6 +125,27 @@ def _draw_contours(figure: Figure, axes: Axes, grid: pd.DataFrame) -> QuadContou
     axes.set_yticks(share, labels=[f"{level:.0%}" for level in share])
     axes.tick_params(axis="y", which="minor", length=0, labelleft=False)
     return lines
+
+
+def _draw_collisions(axes: Axes, plane: pd.DataFrame, limit: float) -> list[Patch]:
+    """Hatches over where collisions break their limit; what they say, for the legend."""
+    shown = plane[plane["reliability"] > 0]
+    low, high = (
+        shown.pivot(index="reliability", columns="delay", values=f"collision_{end}").to_numpy(float)
+        for end in ("low", "high")
+    )
+    # Where in its interval the limit lies: below 0 it is kept, above 1 it is broken.
+    place = (high - limit) / np.maximum(high - low, 1e-9)
+    delay, reliability = 1e3 * np.unique(shown["delay"]), np.unique(shown["reliability"])
+    found = []
+    for ends, hatch, text in (
+        ((1.0, np.inf), _BREAKS, f"collisions above {limit:.1%}"),
+        ((0.0, 1.0), _OPEN, "not shown to be below"),
+    ):
+        if ((place > ends[0]) & (place <= ends[1])).any():
+            axes.contourf(delay, reliability, place, [ends[0], min(ends[1], 1e9)], colors="none", hatches=[hatch])
+            found.append(Patch(facecolor="none", edgecolor="k", hatch=hatch, lw=0.4, label=text))
+    return found
 
 
 def _draw_curve(axes: Axes, curve: pd.DataFrame, floor: float) -> Line2D:

@@ -96,6 +96,11 @@ class Trace:
         """Which stretch each Monte Carlo seed takes, [S], by its key; for runs of so many rows."""
         return np.searchsorted(self._edges(self.stretches(run_rows)), jax.vmap(self._row)(keys), side="right") - 1
 
+    def rows_of(self, stretch: int, run_rows: int) -> tuple[int, int]:
+        """First row of a stretch, and the first one after it; for runs of so many rows."""
+        first, end = self._edges(self.stretches(run_rows))[stretch : stretch + 2]
+        return int(first), int(end)
+
     def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
         """Returns the share of the loops of the trace that complete by `deadline` (s), whatever the load.
 

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from qocjax import _checks
 from qocjax.network import Load, Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Design, Scenario
-from qocjax.study.actuation import Otherwise, otherwise
+from qocjax.study.advice_plan import Plan, found_by, plan_of
 from qocjax.study.advice_tables import curves_of, judged_of
+from qocjax.study.assumptions import Otherwise, assumption_table, otherwise
 from qocjax.study.capacity import at_once_text
-from qocjax.study.character import candidate_deadlines, characterise, quantiles
+from qocjax.study.character import characterise, quantiles
 from qocjax.study.edges import at_bounds
-from qocjax.study.margins import Bound, Margin
-from qocjax.study.objective import Objective, pilot_scale
+from qocjax.study.margins import Margin
+from qocjax.study.objective import Objective
 from qocjax.study.policies import MIN_RELIABILITY
+from qocjax.study.reaching import Bound
 from qocjax.study.reliability import load_of
-from qocjax.study.robust import OBJECTIVES, choose
-from qocjax.study.sensitivity import Box, elasticities, sobol
-from qocjax.study.shortlist import Effort, shortlist
+from qocjax.study.robust import Chosen
+from qocjax.study.sensitivity import elasticities, sobol
+from qocjax.study.shortlist import Effort
 from qocjax.study.slack import Asked, Slack, find_slack
 from qocjax.study.stress import largest_growth, stress_table
-from qocjax.study.units import seeds_apart, trace_remark
+from qocjax.study.target import Target
+from qocjax.study.units import trace_remark
 from qocjax.study.verdict import answer_of, policy_of, verdict_of
 
 __all__ = ["Advice", "advise", "plain"]
@@ -57,6 +59,9 @@ class Advice:
     stress: pd.DataFrame  # recommended on networks that became worse
     ties: pd.DataFrame  # finalists that are not worse than the recommended, as far as the fresh seeds can tell
     actuation: Otherwise  # the recommended design where commands take effect otherwise
+    assumptions: pd.DataFrame  # the recommended design where one of them is wrong, what matters most first
+    setup: dict[str, Any]  # robots and runs that it was judged on
+    target: Target  # what margins keep
     margin: Margin  # of the recommended gains
     current_margin: Margin  # of the current gains
     curve: pd.DataFrame  # QoC, collisions and F over the deadline, for both gains
@@ -107,95 +112,79 @@ def advise(
         ValueError: An argument is out of range, hardly a loop completes by the longest deadline, or no design keeps
             the collision share: the message names the one that comes closest.
     """
-    rules, effort, asked = rules or Rules(), effort or Effort(), asked or Asked()
-    _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
-    _checks.bounded("margins.delay", asked.delay or 0.0, most=longest_deadline)
-    _checks.choice("advise.objective", how, OBJECTIVES)
-    box, axis = Box(current, bounds), _axis(scenario, network, current, longest_deadline)
-    periods = np.unique(np.append(_checks.bounded("taus", taus, above=0), float(np.asarray(current.tau))))
-    counts = [effort.rounds[-1], effort.fresh_seeds, effort.fresh_seeds]
-    search, choice, fresh = seeds_apart(network, key, counts, scenario.horizon, periods)
-    fine = np.unique(np.concatenate([axis, np.geomspace(axis[0], longest_deadline, 12)]))
-    pilot = [0.0, *fine.tolist()]  # from a deadline at which hardly a robot moves: the worst that can happen
-    few = search[: effort.rounds[0]]
-    scale = scale or pilot_scale(scenario, network, current, pilot, few, rules=rules, key=key)
-    objective = Objective(scenario, network, scale, rules, key, simulations=len(pilot) * len(few))
-    finalists = _shortlists(objective, box, periods, longest_deadline, max_collision_share, effort, search)
-    free = [*bounds, *(["tau"] if periods.size > 1 else [])]
-    found = choose(objective, finalists, current, free, max_collision_share, longest_deadline, choice, how)
-    best, deadline = found.design, float(np.asarray(found.design.deadline))
-    load, axis = load_of(scenario, float(np.asarray(best.tau))), _axis(scenario, network, best, longest_deadline)
-    judged, ties = judged_of(objective, found, current, fresh)
-    part, some = fresh[: asked.seeds], fresh[: max(asked.seeds, len(fresh) // 4)]
-    curve, margins = curves_of(objective, best, current, fine, some, asked.share, max_collision_share)
-    names = [name for name in (*bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
+    plan = plan_of(
+        scenario, network, current, bounds, rules=rules or Rules(), key=key, longest=longest_deadline,
+        limit=max_collision_share, how=how, taus=taus, effort=effort or Effort(), scale=scale, asked=asked or Asked(),
+    )  # fmt: skip
+    return _judged(plan, found_by(plan))
+
+
+def _judged(plan: Plan, found: Chosen) -> Advice:
+    """All that fresh seeds say of what was chosen."""
+    goal, current, asked, limit, fresh = plan.objective, plan.current, plan.asked, plan.limit, plan.seeds.fresh
+    best, network, target = found.design, goal.network, plan.asked.target
+    deadline, axis = float(np.asarray(best.deadline)), plan.axis(best)
+    load = load_of(goal.scenario, float(np.asarray(best.tau)))
+    judged, ties = judged_of(goal, found, current, fresh)
+    curve, margins = curves_of(goal, best, current, plan.deadlines, fresh, target, limit)
+    few = plan.seeds.choice[: max(asked.seeds, len(fresh) // 4)]
     return Advice(
         network=network.describe(),
-        character=characterise(network, load, deadline, key),
-        trace=trace_remark(network, best.deadline, scenario.horizon, best.tau) or "",
+        character=characterise(network, load, deadline, goal.key),
+        trace=trace_remark(network, best.deadline, goal.scenario.horizon, best.tau) or "",
         capacity=at_once_text(network, load, deadline),
         recommended=best,
-        verdict=verdict_of(found.safe, judged.iloc[-1], max_collision_share),
-        objective=how,
+        verdict=verdict_of(found.safe, judged.iloc[-1], limit),
+        objective=plan.how,
         by_mean=found.by_mean,
         kept=found.kept,
-        at_edge=at_bounds(
-            asdict(best),
-            {name: ends for name, ends in bounds.items() if name not in found.kept},
-            {"deadline": axis.tolist(), "tau": periods.tolist()},
-        ),
+        at_edge=_at_edge(plan, found, axis),
         current=current,
-        acceptable=answer_of(judged.iloc[0], margins[1], max_collision_share),
-        max_collision_share=max_collision_share,
+        acceptable=answer_of(judged.iloc[0], margins[1], limit),
+        max_collision_share=limit,
         policy=policy_of(float(np.asarray(current.deadline)), margins[1]),
         judged=judged,
-        stress=stress_table(objective, best, {"current": current, "by_mean": found.by_mean}, fresh),
+        stress=stress_table(goal, best, {"current": current, "by_mean": found.by_mean}, fresh, target, limit),
         ties=ties,
-        actuation=otherwise(objective, best, axis, choice[: len(some)], fresh),
+        actuation=otherwise(goal, best, axis, few, fresh),
+        assumptions=assumption_table(goal, best, fresh, limit),
+        setup=_setup(goal, best),
+        target=target,
         margin=margins[0],
         current_margin=margins[1],
         curve=curve,
-        growth=largest_growth(objective, best, fresh, asked.share),
-        elasticities=elasticities(objective, best, fresh, names),
-        sobol=sobol(objective, box, axis.tolist(), part, asked.points, abs(key)) if asked.points else None,
-        policies=_policies(network, load, best, longest_deadline),
-        slack=find_slack(objective, best, longest_deadline, part, asked) if asked.delays else None,
-        scale=scale,
-        seeds={"search": len(search), "choice": len(choice), "fresh": len(fresh)},
-        simulations=objective.simulations,
+        growth=largest_growth(goal, best, fresh, target),
+        elasticities=_elasticities(plan, best),
+        sobol=sobol(goal, plan.box, plan.axis(current).tolist(), fresh[: asked.seeds], asked.points, abs(goal.key))
+        if asked.points
+        else None,
+        policies=_policies(network, load, best, plan.longest),
+        slack=find_slack(goal, best, plan.longest, fresh[: asked.plane_seeds], asked, limit) if asked.delays else None,
+        scale=goal.scale,
+        seeds={name: len(getattr(plan.seeds, name)) for name in ("search", "choice", "fresh")},
+        simulations=goal.simulations,
     )
 
 
-def _axis(scenario: Scenario, network: Network, design: Design, longest: float) -> np.ndarray:
-    """Deadlines worth a try (s) at the sampling period of a design."""
-    return candidate_deadlines(network, load_of(scenario, float(np.asarray(design.tau))), longest)
+def _setup(goal: Objective, best: Design) -> dict[str, Any]:
+    """Robots and runs in numbers."""
+    scenario, rules = goal.scenario, goal.rules
+    return {
+        "robots": scenario.num_robots, "robot_radius": float(np.asarray(scenario.robot_radius)),
+        "v_max": float(np.asarray(best.v_max)), "omega_max": float(np.asarray(best.omega_max)),
+        "horizon": scenario.horizon, "actuation": rules.actuation, "hold": rules.hold,
+    }  # fmt: skip
 
 
-def _shortlists(
-    objective: Objective,
-    box: Box,
-    periods: np.ndarray,
-    longest: float,
-    limit: float,
-    effort: Effort,
-    search: Sequence[int],
-) -> list[Design]:
-    """Finalists at each sampling period (s); without those periods at which no design keeps the limit on collisions.
+def _at_edge(plan: Plan, found: Chosen, axis: np.ndarray) -> str:
+    """Which bounds of the search the recommended lies at."""
+    free = {name: ends for name, ends in plan.box.bounds.items() if name not in found.kept}
+    return at_bounds(asdict(found.design), free, {"deadline": axis.tolist(), "tau": plan.periods.tolist()})
 
-    Raises:
-        ValueError: None does at any.
-    """
-    found, failed = [], []
-    for tau in periods.tolist():
-        here = replace(box, baseline=replace(box.baseline, tau=tau))
-        try:
-            axis = _axis(objective.scenario, objective.network, here.baseline, longest)
-            found.append(shortlist(objective, here, axis, limit, effort, search))
-        except ValueError as error:
-            failed.append(error)
-    if not found:
-        raise failed[0]
-    return found
+
+def _elasticities(plan: Plan, best: Design) -> pd.DataFrame:
+    names = [name for name in (*plan.box.bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
+    return elasticities(plan.objective, best, plan.seeds.fresh, names)
 
 
 def _policies(network: Network, load: Load, best: Design, longest: float) -> tuple[tuple[str, float, float], ...]:

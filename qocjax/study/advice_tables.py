@@ -15,9 +15,13 @@ from qocjax.study.objective import Objective
 from qocjax.study.robust import Chosen
 from qocjax.study.search import stacked
 from qocjax.study.shortlist import NAMES, along_deadlines
+from qocjax.study.statistics import share
 from qocjax.study.stress import of_runs
+from qocjax.study.target import Target, collision_excess
 
 __all__ = ["curves_of", "judged_of"]
+
+_NEAR = 0.95  # of the best QoC
 
 
 def judged_of(
@@ -52,14 +56,19 @@ def curves_of(
     current: Design,
     axis: np.ndarray,
     seeds: Sequence[int],
-    share: float,
+    target: Target,
     limit: float,
 ) -> tuple[pd.DataFrame, tuple[Margin, Margin]]:
-    """QoC and collisions over the deadline for both gains, and the margin of each: within it both are kept."""
+    """QoC and collisions over the deadline for both gains, and the margin of each.
+
+    Within a margin the target is kept, and the limit on collisions by the upper end of their share; where no deadline
+    shows that, by the least that is shown.
+    """
     axis = np.union1d(axis, [float(np.asarray(best.deadline))])
     designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
     runs = objective.runs(designs, seeds)
-    scores, close = objective.judged(runs), runs["collided"].values.mean(axis=1)
+    scores, collided = objective.judged(runs), runs["collided"].values
+    merits = target.merits(runs, scores)
     rows = {"recommended": slice(0, axis.size), "current": slice(axis.size, None)}
     known = objective.reliability(axis, best.tau)
     table: dict[str, Any] = {"deadline": axis, "reliability": known.share, "reliability_se": known.error}
@@ -67,7 +76,13 @@ def curves_of(
     for name, which in rows.items():
         found = [one.mean().given for one in (scores[which][k] for k in range(axis.size))]
         table |= {f"qoc_{name}": [e.mean for e in found], f"qoc_{name}_low": [e.low for e in found],
-                  f"qoc_{name}_high": [e.high for e in found], f"collision_{name}": close[which]}  # fmt: skip
-        allowed = np.where(close[which, None] <= max(limit, close[which].min()), scores.values[which], 0.0)
-        margins.append(deadline_margin(axis, allowed, share, scores.units))
+                  f"qoc_{name}_high": [e.high for e in found]}  # fmt: skip
+        # What is usual where it works: elsewhere stretches of a trace differ more.
+        qoc = scores.values[which]
+        usual = qoc[qoc.mean(axis=1) >= _NEAR * qoc.mean(axis=1).max()].mean(axis=0)
+        close = [share(hits, scores.units, like=usual) for hits in collided[which]]
+        table |= {f"collision_{name}": [e.mean for e in close], f"collision_{name}_low": [e.low for e in close],
+                  f"collision_{name}_high": [e.high for e in close]}  # fmt: skip
+        excess = collision_excess(collided[which], limit, scores.units, usual)
+        margins.append(deadline_margin(axis, merits[which], target, scores.units, excess))
     return pd.DataFrame(table), (margins[0], margins[1])

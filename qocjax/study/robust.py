@@ -21,6 +21,8 @@ from qocjax.study.search import stacked, take
 from qocjax.study.shortlist import along_deadlines, row
 from qocjax.study.statistics import share
 from qocjax.study.stress import on_network, worse
+from qocjax.study.trace_parts import worst_stretch
+from qocjax.study.units import judged_apart
 
 __all__ = ["OBJECTIVES", "Chosen", "choose"]
 
@@ -80,7 +82,7 @@ def choose(
     near = np.flatnonzero([safe[k] and _close(scores[k], scores[top]) for k in range(upper.size)])
     others, best = take(pool, near), row(pool, top)
     if how == "robust":
-        worst = bench.worst(others)
+        worst = bench.worst(others, scores[near])
         k = int(worst.argmax())
         start = _Start(row(others, k), scores[near[k]], max(limit, float(upper[near[k]])), float(worst[k]))
         best = _least_change(bench, start, current, names)
@@ -101,11 +103,17 @@ class _Bench:
         units = self.objective.judged(runs).units
         return np.array([share(hits, units, like=self.usual).high for hits in runs["collided"].values])
 
-    def worst(self, designs: Design) -> np.ndarray:
-        """The smallest mean QoC of each design over the changes."""
-        changed = worse(self.objective, float(np.asarray(designs.tau)[0])).values()
-        found = [on_network(self.objective, other, designs, self.seeds)[1] for other in changed]
-        return np.min([scores.values.mean(axis=1) for scores in found], axis=0)
+    def worst(self, designs: Design, scores: Scores) -> np.ndarray:
+        """The smallest mean QoC of each design over the changes; `scores` [G, S] are those without any.
+
+        Of a trace that is judged on other stretches than these, the worst of these is such a change.
+        """
+        goal = self.objective
+        changed = worse(goal, float(np.asarray(designs.tau)[0])).values()
+        found = [on_network(goal, other, designs, self.seeds)[1].values.mean(axis=1) for other in changed]
+        if judged_apart(goal.network, goal.scenario.horizon, designs.tau):
+            found.append(worst_stretch(scores))
+        return np.min(found, axis=0)
 
 
 @dataclass(frozen=True)
@@ -150,7 +158,8 @@ def _least_change(bench: _Bench, start: _Start, current: Design, names: Sequence
         trials = [replace(best, **{name: float(getattr(current, name))}) for name in left]
         designs = stacked([*trials, *[best] * (len(names) - len(trials))])  # of one size: one program
         runs = bench.objective.runs(designs, bench.seeds)
-        scores, upper, lowest = bench.objective.judged(runs), bench.upper(runs), bench.worst(designs)
+        scores, upper = bench.objective.judged(runs), bench.upper(runs)
+        lowest = bench.worst(designs, scores)
         fine = [
             k for k in range(len(left))
             if (scores[k] - start.scores).mean().given.high >= 0.0 and upper[k] <= start.allowed and lowest[k] >= floor

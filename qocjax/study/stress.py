@@ -10,18 +10,20 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from qocjax.network import Network
+from qocjax.network import Network, Reliability
 from qocjax.network.edge_network import EdgeNetwork
 from qocjax.network.stressed import Stressed, with_lost_twice, with_slow_compute
 from qocjax.scenario import Design
 from qocjax.study.character import lost_share
-from qocjax.study.margins import Bound, reach
 from qocjax.study.objective import Objective
+from qocjax.study.reaching import Bound, reach
 from qocjax.study.reliability import load_of, reliability_of
-from qocjax.study.scores import Scores
+from qocjax.study.scores import Scored, Scores
 from qocjax.study.search import stacked
 from qocjax.study.statistics import estimate
 from qocjax.study.statistics import share as share_of
+from qocjax.study.target import Target
+from qocjax.study.trace_parts import WORST_PART, worst_part
 
 __all__ = ["GROWTHS", "largest_growth", "of_runs", "on_network", "stress_table", "worse"]
 
@@ -30,7 +32,7 @@ GROWTHS = (1.0, 1.05, 1.15, 1.3, 1.5, 2.0, 3.0)  # of all loop times, the deadli
 
 def of_runs(runs: xr.Dataset, k: int, scores: Scores) -> dict[str, float]:
     """What else is said of the k-th design of some runs, with 95 % intervals; `scores` are those of all designs."""
-    units, usual = scores.units, scores.values.mean(axis=0)
+    units, usual = scores.units, scores.values[k]
     auc = runs["auc"].values[k].astype(float)
     costs = np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1)
     cost = estimate(costs, units=units)
@@ -70,20 +72,30 @@ def worse(objective: Objective, tau: float) -> dict[str, Network]:
 
 
 def stress_table(
-    objective: Objective, design: Design, others: Mapping[str, Design], seeds: Sequence[int]
+    objective: Objective,
+    design: Design,
+    others: Mapping[str, Design],
+    seeds: Sequence[int],
+    target: Target | None = None,
+    limit: float = 1.0,
 ) -> pd.DataFrame:
     """A design on worse networks, paired with itself on the network as it is, the first row; beside it others.
+
+    The second row is the worst part of a trace, where one is long enough (`worst_part`).
 
     Args:
         objective: The setting.
         design: Numbers.
         others: Numbers, by name; what it is compared with where all keep their deadlines.
         seeds: [S] at least two.
+        target: What has to be kept; a share of the best is one of the QoC on the network as it is.
+        limit: Largest share of runs with a collision, kept by the upper end of its interval.
 
     Returns:
         Per case: what, deadline (s), reliability with its standard error, qoc and change with both 95 % intervals
         (`_whole_` with the error of J_med in it), what `of_runs` says, and with their names before it QoC and
-        collision share of the others, NaN where the case is none of theirs.
+        collision share of the others, NaN where the case is none of theirs; `stands`, whether target and limit are
+        kept: yes, no, or not shown, where the limit lies within the interval of the collision share.
     """
     network, deadline = objective.network, float(np.asarray(design.deadline))
     longer = replace(design, deadline=1.5 * deadline)
@@ -97,38 +109,57 @@ def stress_table(
     ]
     table: list[dict[str, Any]] = []
     base: Scores | None = None
+    target, merits = target or Target(), []
     for what, other, chosen in cases:
         runs, scores = on_network(objective, other, stacked([chosen, *others.values()]), seeds)
         base = scores[0] if base is None else base
-        share, error = reliability_of(other, objective.scenario, chosen.deadline, chosen.tau)
-        beside = what == "as it is" or what in changed
-        table.append(
-            {"what": what, "deadline": float(np.asarray(chosen.deadline)), "reliability": float(share),
-             "reliability_se": float(error)}
-            | scores[0].mean().columns("qoc") | (scores[0] - base).mean().columns("change")
-            | of_runs(runs, 0, scores)
-        )  # fmt: skip
-        for k, name in enumerate(others, start=1):
-            table[-1] |= {
-                f"{name}_qoc": float(scores.values[k].mean()) if beside else np.nan,
-                f"{name}_collision_share": float(runs["collided"].values[k].mean()) if beside else np.nan,
-            }
-    return pd.DataFrame(table)
+        merits.append(float(target.merits(runs, scores)[0].mean()))
+        known = reliability_of(other, objective.scenario, chosen.deadline, chosen.tau)
+        beside = others if what == "as it is" or what in changed else dict.fromkeys(others)
+        table.append(_case(what, chosen, known, (scores[0] - base).mean(), runs, scores, beside))
+        if what == "as it is" and (part := worst_part(objective, scores, stacked([chosen, *others.values()]))):
+            table.append(_case(WORST_PART, chosen, part.reliability, part.change, part.runs, part.scores, others))
+            merits.append(float(target.merits(part.runs, part.scores)[0].mean()))
+    rows = pd.DataFrame(table)
+    lost = (np.array(merits) < target.level(merits[0])) | (rows["collision_low"] > limit)
+    rows["stands"] = np.where(lost, "no", np.where(rows["collision_high"] <= limit, "yes", "not shown"))
+    return rows
 
 
-def largest_growth(objective: Objective, design: Design, seeds: Sequence[int], share: float) -> Bound:
-    """By what factor all loop times may grow, the deadline kept, until QoC falls by more than a share.
+def _case(
+    what: str,
+    chosen: Design,
+    known: Reliability,
+    change: Scored,
+    runs: xr.Dataset,
+    scores: Scores,
+    others: Mapping[str, Design | None],
+) -> dict[str, Any]:
+    """A row of the table, of runs of a design and of others; of those that are None nothing is said."""
+    line: dict[str, Any] = {"what": what, "deadline": float(np.asarray(chosen.deadline))}
+    line |= {"reliability": float(known.share), "reliability_se": float(known.error)}
+    line |= scores[0].mean().columns("qoc") | change.columns("change") | of_runs(runs, 0, scores)
+    for k, (name, design) in enumerate(others.items(), start=1):
+        line[f"{name}_qoc"] = np.nan if design is None else float(scores.values[k].mean())
+        line[f"{name}_collision_share"] = np.nan if design is None else float(runs["collided"].values[k].mean())
+    return line
+
+
+def largest_growth(objective: Objective, design: Design, seeds: Sequence[int], target: Target) -> Bound:
+    """By what factor all loop times may grow, the deadline kept, until a target is missed.
 
     Args:
         objective: The setting.
         design: Numbers.
         seeds: [S] at least two, common to all factors.
-        share: Of the QoC on the network as it is.
+        target: A share of the best is one of the QoC on the network as it is.
     """
     network = objective.network
     slower: list[Network] = [network if growth == 1.0 else Stressed(network, growth) for growth in GROWTHS]
-    scores = np.stack([on_network(objective, other, stacked([design]), seeds)[1].values[0] for other in slower])
-    return reach(GROWTHS, scores - (1.0 - share) * scores[0], 0.0, objective.units(seeds, design.tau))
+    merits = np.stack([
+        target.merits(*on_network(objective, other, stacked([design]), seeds))[0] for other in slower
+    ])  # fmt: skip
+    return reach(GROWTHS, target.beyond(merits, merits[0]), 0.0, objective.units(seeds, design.tau))
 
 
 def on_network(

@@ -20,9 +20,13 @@ from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.network.trace import replayed_trace
 from qocjax.study.recorded import network_keys
 
-__all__ = ["seeds_apart", "study_remark", "trace_remark", "units_in", "units_of", "with_units"]
+__all__ = [
+    "judged_apart", "rows_of_stretch", "seeds_apart", "seeds_in", "study_remark", "trace_remark",
+    "units_in", "units_of", "with_units",
+]  # fmt: skip
 
 _HALVED = 8  # stretches from which half may choose and half judge
+_BEYOND = 1 << 24  # seeds from here on
 _SPELLS = 30  # independent spells of missed loops from which an interval of a mean is what it says
 
 
@@ -47,6 +51,40 @@ def _run_rows(trace: Trace, horizon: float, tau: ArrayLike) -> int:
     return max(trace.run_rows(horizon, float(each)) for each in np.unique(np.asarray(tau, float)))
 
 
+def judged_apart(network: Any, horizon: float, tau: ArrayLike) -> bool:
+    """Whether a trace is so long that what some stretches of it chose is judged on others.
+
+    Args:
+        network: Where loop times come from.
+        horizon: Length of a run (s).
+        tau: Sampling periods (s).
+    """
+    trace = replayed_trace(network)
+    return trace is not None and trace.stretches(_run_rows(trace, horizon, tau)) >= _HALVED
+
+
+def seeds_in(network: Any, key: int, unit: int, count: int, horizon: float, tau: ArrayLike) -> list[int]:
+    """The first seeds beyond those of any purpose that take the stretch of a label of `units_of`.
+
+    Raises:
+        ValueError: The network is no trace with such a stretch.
+    """
+    trace, found = replayed_trace(network), list[int]()
+    if trace is None or not 0 <= -1 - unit < trace.stretches(_run_rows(trace, horizon, tau)):
+        raise ValueError(f"unit: got {unit}, expected a stretch of trace {getattr(trace, 'name', None)!r}")
+    first = _BEYOND
+    while len(found) < count:
+        some = range(first, first + 16 * count)
+        found += (first + np.flatnonzero(units_of(network, some, key, horizon, tau) == unit)).tolist()
+        first = some.stop
+    return found[:count]
+
+
+def rows_of_stretch(trace: Trace, unit: int, horizon: float, tau: ArrayLike) -> tuple[int, int]:
+    """First row of the stretch that a label of `units_of` stands for, and the first one after it."""
+    return trace.rows_of(-1 - unit, _run_rows(trace, horizon, tau))
+
+
 def seeds_apart(network: Any, key: int, counts: Sequence[int], horizon: float, tau: ArrayLike) -> list[Sequence[int]]:
     """Sets of fresh seeds of these sizes; those of the last take other stretches of a trace than the rest.
 
@@ -61,10 +99,10 @@ def seeds_apart(network: Any, key: int, counts: Sequence[int], horizon: float, t
         tau: Sampling periods (s).
     """
     trace = replayed_trace(network)
-    rows = 0 if trace is None else _run_rows(trace, horizon, tau)
-    if trace is None or trace.stretches(rows) < _HALVED:
+    if trace is None or not judged_apart(network, horizon, tau):
         ends = np.cumsum([0, *counts]).tolist()
         return [range(first, last) for first, last in pairwise(ends)]
+    rows = _run_rows(trace, horizon, tau)
     odd = np.zeros(0, bool)
     while min((~odd).sum() - sum(counts[:-1]), odd.sum() - counts[-1]) < 0:
         more = range(odd.size, odd.size + 2 * sum(counts))

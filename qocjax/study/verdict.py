@@ -11,7 +11,7 @@ __all__ = ["ANSWERS", "VERDICTS", "answer_of", "policy_of", "verdict_of"]
 VERDICTS = ("recommended", "not shown", "unsafe")
 """Of a design: it keeps the limit on collisions; fresh seeds do not show that it does; they show that it does not."""
 
-ANSWERS = ("yes", "no: QoC", "no: collisions", "not shown")
+ANSWERS = ("yes", "no: target", "no: collisions", "not shown")
 """Whether what one has may stay."""
 
 
@@ -23,17 +23,17 @@ def verdict_of(safe: bool, row: pd.Series, limit: float) -> str:
 
 
 def answer_of(row: pd.Series, margin: Margin, limit: float) -> str:
-    """Whether the current design may stay: within its margin of QoC, and within the limit on collisions."""
+    """Whether the current design may stay: within the margin of its target, and within the limit on collisions."""
     if row["collision_low"] > limit:
         return "no: collisions"
-    if policy_of(float(row["deadline"]), margin) != "Co-design":
-        return "no: QoC"
+    if not margin.holds(float(row["deadline"])):
+        return "no: target"
     return "yes" if row["collision_high"] <= limit else "not shown"
 
 
 def policy_of(deadline: float, margin: Margin) -> str:
     """Which policy a deadline amounts to: within the margin of its gains Co-design, before MinDelay, after MaxRel."""
-    low, high = (bound.value if bound.value is not None else margin.best for bound in (margin.low, margin.high))
+    low, high = margin.ends
     if deadline < low * (1 - 1e-9):
         return "MinDelay"
     return "MaxRel" if deadline > high * (1 + 1e-9) else "Co-design"

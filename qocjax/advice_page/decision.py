@@ -1,0 +1,138 @@
+"""The decision: what to set, what it gains, what it stands up to, on what it was judged and on what it hangs."""
+
+from __future__ import annotations
+
+from qocjax._command import printed_unit
+from qocjax.advice_page.words import GAINS, bound_text, collisions_text, ms, percent, with_ends
+from qocjax.study.advice import Advice
+from qocjax.study.edges import bounds_text
+
+__all__ = ["decision_lines", "present_lines"]
+
+_POLICIES = {
+    "Co-design": "yours lies within: Co-design",
+    "MinDelay": "yours is shorter: MinDelay, fresh commands but few of them",
+    "MaxRel": "yours is longer: MaxRel, waiting for the last loops",
+}
+
+
+def decision_lines(advice: Advice) -> list[str]:
+    """What to set, and all that one has to know to do so."""
+    lines = [*_head(advice)]
+    if advice.kept:
+        lines.append("  * stays as you have it: changing it gains nothing that can be told")
+    lines += [f"  {line}" for line in (*_gain(advice), *_stands(advice), _cost(advice), *_judged_on(advice))]
+    lines += [f"  {line}" for line in _assumptions(advice)]
+    if advice.judged["gain_low"].iloc[-1] <= 0 and advice.acceptable != "no: collisions":
+        lines.append("  CAUTION: these seeds do not show that it is better than what you have.")
+    if text := bounds_text(advice.at_edge):
+        lines.append(f"  {text}")
+    return lines
+
+
+def _head(advice: Advice) -> list[str]:
+    best, own = advice.recommended, ms(advice.current.tau)
+    values = ", ".join(
+        f"{name} {float(getattr(best, name)):.3g} {printed_unit(name)}".strip() + ("*" if name in advice.kept else "")
+        for name in GAINS
+    )
+    kept = " (kept)" if ms(best.tau) == own else f", yours {own} ms"
+    head = f"deadline {ms(best.deadline)} ms at tau {ms(best.tau)} ms{kept}"
+    if advice.verdict == "recommended":
+        return [f"SET THIS: {head}", f"  {values}"]
+    why = "it breaks the limit on" if advice.verdict == "unsafe" else "fresh seeds do not show that it keeps"
+    lines = [f"NO RECOMMENDATION: {why} collisions. The closest that was found: {head}", f"  {values}"]
+    if advice.judged["collision_share"].iloc[-1] == 0:
+        lines.append("  None of the fresh runs collides, but so small a limit cannot be shown from what was measured.")
+    return lines
+
+
+def _gain(advice: Advice) -> list[str]:
+    """What it gains, and whether it is safe; where no design reaches the target, that."""
+    now, row = advice.judged.iloc[0], advice.judged.iloc[-1]
+    lines = [
+        f"It gains   QoC {with_ends(row, 'gain', '+.4f')} over yours, {row['qoc']:.4f} after {now['qoc']:.4f}; AUC "
+        f"{with_ends(row, 'auc', '.3g')} s, {percent(row['auc'], now['auc'])}.",
+        f"Safety     Collisions in {collisions_text(row)} of the runs, {advice.max_collision_share:.1%} allowed; never "
+        f"closer than {row['min_distance']:.2f} m.",
+    ]
+    here, own = advice.margin, advice.current_margin
+    if advice.target.absolute and not (here.reached or own.reached):
+        lines.append(f"TARGET     CANNOT BE REACHED: {advice.target.text}. The best is {here.best_text}; with yours, "
+                     f"{own.best_text}.")  # fmt: skip
+    return lines
+
+
+def _stands(advice: Advice) -> list[str]:
+    """Which of the changes it stands up to: the target and the limit on collisions are kept; and the worst of them."""
+    rows = advice.stress[advice.stress["current_qoc"].notna()].iloc[1:]
+    lines = []
+    for answer, begin in (("yes", "Stands up  to"), ("not shown", "Not shown  for"), ("no", "NOT        to")):
+        texts = [row["what"] + ("" if answer == "yes" else f" (QoC {row['qoc']:.4f}, collisions "
+                 f"{collisions_text(row)})") for row in rows[rows["stands"] == answer].to_dict("records")]  # fmt: skip
+        lines += [f"{begin} {'; '.join(texts)}."] if texts else []
+    worst = rows.loc[rows["qoc"].idxmin()]
+    return [*lines, f"Worst      {worst['what']}: QoC {with_ends(worst, 'qoc', '.4f')}, yours "
+            f"{worst['current_qoc']:.4f} there."]  # fmt: skip
+
+
+def _cost(advice: Advice) -> str:
+    """What standing up to changes costs."""
+    if advice.objective == "mean":
+        return "It costs   It was chosen for its mean alone (advise.objective=mean)."
+    other = advice.judged.iloc[-2]
+    if abs(other["beyond"]) < 5e-5 and other["deadline"] == advice.judged["deadline"].iloc[-1]:
+        return "It costs   Nothing: the best by the mean alone is the same."
+    if other["beyond"] <= 0:
+        return f"It costs   Nothing: the best by the mean alone ({ms(other['deadline'])} ms) is no better."
+    more = with_ends(other, "beyond", ".4f")
+    return f"It costs   QoC {more}: what the best by the mean alone ({ms(other['deadline'])} ms) has more."
+
+
+def _judged_on(advice: Advice) -> list[str]:
+    """Robot, edge and network."""
+    setup = advice.setup
+    robots = f"{setup['robots']} robot{'' if setup['robots'] == 1 else 's'}"
+    return [
+        f"Judged on  {robots} of radius {setup['robot_radius']:g} m, at most {setup['v_max']:.3g} m/s and "
+        f"{setup['omega_max']:.3g} rad/s, runs of {setup['horizon']:g} s, {advice.seeds['fresh']} seeds; network "
+        f"{advice.network.get('name', '')}.",
+        f"           {advice.capacity}",
+        *([f"           NOTE: {advice.trace}"] if advice.trace else []),
+    ]
+
+
+def _assumptions(advice: Advice) -> list[str]:
+    """What changes if an assumption is wrong, what matters most first."""
+    lines, gain = [], advice.actuation.gain.given
+    for k, row in enumerate(advice.assumptions.to_dict("records")):
+        begin = "HANGS ON  " if k == 0 else "  and less on"
+        lines += [f"{begin} {row['what']}: {row['assumed']}.",
+                  f"           If instead {row['instead']}: QoC {with_ends(row, 'qoc', '.4f')}, collisions in "
+                  f"{collisions_text(row)}."]  # fmt: skip
+        if row["what"] == "when commands take effect":
+            lines[-1] = (f"{lines[-1][:-1]}; the best deadline is then {ms(advice.actuation.best_deadline)} ms "
+                         f"({gain.mean:+.4f} [{gain.low:+.4f}, {gain.high:+.4f}]).")  # fmt: skip
+    return lines
+
+
+def present_lines(advice: Advice) -> list[str]:
+    """Whether the present deadline is acceptable, with the present gains."""
+    margin, now, rest = advice.current_margin, advice.judged.iloc[0], advice.judged.iloc[1]
+    close, target = f"{collisions_text(now)} of its runs collide", advice.target.text
+    where = (
+        f"this, and collisions in the limit, from {bound_text(margin.low)} to {bound_text(margin.high)} ms"
+        if margin.reached
+        else f"at no deadline; the best is {margin.best_text}"
+    )
+    answers = {
+        "yes": f"YES: {close}, and {target}.",
+        "no: collisions": f"NO: {close}, {advice.max_collision_share:.1%} are allowed.",
+        "no: target": f"NO: asked is that {target}; with your gains {where}.",
+        "not shown": f"NOT SHOWN: {close}; the upper end breaks {advice.max_collision_share:.1%}.",
+    }  # fmt: skip
+    return [
+        f"IS {ms(now['deadline'])} ms ACCEPTABLE? {answers[advice.acceptable]}",
+        f"  {_POLICIES[advice.policy]}. {ms(rest['deadline'])} ms would change QoC by "
+        f"{with_ends(rest, 'gain', '+.4f')}.",
+    ]
