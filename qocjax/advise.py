@@ -113,7 +113,7 @@ def _draw(advice: Advice, folder: Path) -> None:
             advice.curve,
             advice.judged,
             advice.stress,
-            advice.margin.ends,
+            advice.margin.ends if advice.margin.reached else None,
             deadlines,
             limit=advice.max_collision_share,
         ),

@@ -81,7 +81,8 @@ def run(
             reported = aside.submit(_write_report, study, problem, room, folder) if config.report else None
             if config.figures:
                 shown = jax.tree.map(np.asarray, representative_run(study, config, problem))
-                draw_study(*sound(study.results, study.policies), shown, folder / "figures", drawing)
+                draw_study(*sound(study.results, study.policies), shown, folder / "figures", drawing,
+                           config.max_collision_share)  # fmt: skip
             if reported is not None:
                 reported.result()
         _write_record(study, config, problem, digests, folder)

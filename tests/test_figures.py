@@ -18,6 +18,7 @@ from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
+from scipy import special
 
 from qocjax.figures import (
     DOUBLE_COLUMN,
@@ -28,6 +29,9 @@ from qocjax.figures import (
     save,
     trajectories,
 )
+from qocjax.figures.advice import advice_figure
+from qocjax.figures.colliding import BREAKS, OPEN, collision_cells
+from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.paths import closest_approach
 
 DEADLINES = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8])
@@ -219,6 +223,60 @@ def test_map_shows_what_ties_with_co_design() -> None:
     assert float(names[int(points_of(span)[0][1])]) == own["value"]
     table["tied_values"], table["tied_deadline_low"], table["tied_deadline_high"] = "0.6", 0.2, 0.2
     assert len(qoc_map(RESULTS, table, "eta").axes[0].lines) == 3
+
+
+def test_map_hatches_what_collides_too_often() -> None:
+    """Of 40 seeds: all that collide break 5 % for sure, one leaves it open, none leaves the cell clear."""
+    shares = np.where(RESULTS["deadline"] >= 0.6, 1.0, np.where(RESULTS["deadline"] == 0.4, 1 / 40, 0.0))
+    results = RESULTS.assign(collision_share=shares, seeds=40)
+    rows = results[results["sweep"] == "eta"]
+    cells = collision_cells(rows, 0.05)
+    low, high = (special.betaincinv(*ends) for ends in ((1, 40, 0.025), (2, 39, 0.975)))
+    assert low < 0.05 < high
+    np.testing.assert_array_equal(cells, np.tile([0] * 6 + [OPEN, BREAKS, BREAKS], (4, 1)))
+    assert (collision_cells(rows, 0.5)[:, 6] == 0).all()
+    figure = qoc_map(results, POLICIES, "eta", limit=0.05)
+    hatched = [patch for patch in figure.axes[0].patches if patch.get_hatch()]
+    assert len(hatched) == 8 and {patch.get_width() > 150 for patch in hatched} == {True, False}
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts[-2:] == ["collisions above 5%", "not shown to be below"]
+    assert not qoc_map(results, POLICIES, "eta").axes[0].patches
+
+
+def test_advice_figure_says_what_collides() -> None:
+    ends = {f"{what}_{who}{end}": value for what, value in (("qoc", 0.5), ("collision", 0.2))
+            for who in ("recommended", "current") for end in ("", "_low", "_high")}  # fmt: skip
+    axis = np.array([0.05, 0.1, 0.2])
+    rows = pd.DataFrame({"what": ["current", "current gains, recommended deadline", "best by the mean alone",
+                                  "recommended"], "qoc": 0.5, "qoc_low": 0.49, "qoc_high": 0.51, "change_low": -0.01,
+                         "change_high": 0.01, "collision_share": [0.0, 0.3, 0.02, 0.0], "collision_low": 0.0,
+                         "collision_high": 0.4})  # fmt: skip
+    for share, label in ((np.array([0.5, 0.9, 0.999]), "Missed loops"), (np.array([0.1, 0.2, 0.3]), "completion")):
+        curve = pd.DataFrame({"deadline": axis, "reliability": share} | ends)
+        for margin in ((0.05, 0.1), None):
+            figure = advice_figure(curve, rows, rows, margin, (0.1, 0.2), limit=0.01)
+            assert any(label in axes.get_ylabel() for axes in figure.axes)
+        texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+        assert texts.count("0.500, 30% collide") == 2 and texts.count("0.500, 2.0% collide") == 2
+    with pytest.raises(ValueError, match="collision_share"):
+        advice_figure(curve, rows.drop(columns="collision_share"), rows, None, (0.1, 0.2))
+
+
+def test_hatches_of_the_plane_follow_the_interval() -> None:
+    delay, share = np.meshgrid([0.1, 0.2, 0.4], [0.1, 0.5, 1.0])
+    plane = pd.DataFrame({"delay": delay.ravel(), "reliability": share.ravel(), "qoc": 0.6 - 0.5 * delay.ravel(),
+                          "collision_low": delay.ravel() - 0.1, "collision_high": delay.ravel() + 0.1})  # fmt: skip
+    curve = pd.DataFrame({"deadline": [0.1, 0.4], "reliability": [0.1, 1.0]})
+
+    def texts(limit: float | None) -> list[str]:
+        figure = delay_reliability_map(plane, curve, limit=limit)
+        return [text.get_text() for text in figure.legends[0].get_texts()][1:]
+
+    assert texts(None) == [] and texts(1.0) == []
+    assert texts(0.25) == ["collisions above 25.0%", "not shown to be below"]
+    assert texts(0.45) == ["not shown to be below"]
+    with pytest.raises(ValueError, match="collision_low"):
+        delay_reliability_map(plane.drop(columns="collision_low"), curve, limit=0.1)
 
 
 def test_map_refuses_a_choice_outside_its_grid() -> None:

@@ -21,8 +21,10 @@ from qocjax.batch.drawing import draw_seeds
 from qocjax.navigation import Grid
 from qocjax.navigation.maps import LETHAL, Rectangle, map_of_shapes
 from qocjax.report import StudyPage, hall_map, study_page, write_study_report
+from qocjax.report.delays import delay_chart, late_chart
 from qocjax.report.html import escape, interval, json_text, number, plus_minus
 from qocjax.report.replay import hold_times, replay_data
+from qocjax.report.sweeps import qoc_chart
 from qocjax.study.chunks import Problem
 from qocjax.study.replays import PolicyRun, policy_runs, replays
 from qocjax.study.replays import _draw as draw_all
@@ -188,6 +190,21 @@ def test_page_is_one_small_file_that_names_nothing_outside(content: StudyPage, t
     assert [each for each in loads if not each.startswith("data:")] == []
     assert set(re.findall(r"https?://[^\s\"']+", own)) <= {"http://www.w3.org/2000/svg"}
     assert "default-src 'none'" in text and "unsafe-eval" not in text
+
+
+def test_what_collides_too_often_is_crossed_and_tails_are_seen(content: StudyPage) -> None:
+    rows = content.results.assign(collision_share=np.where(content.results["deadline"] > 0.2, 1.0, 0.0), seeds=100)
+    sweep = rows["sweep"].iloc[0]
+    plain, crossed = (qoc_chart(rows, content.policies, sweep, limit)["data"] for limit in (None, 0.05))
+    (crosses,) = [each for each in crossed if each.get("marker", {}).get("symbol") == "x-thin"]
+    assert len(crossed) == len(plain) + 1 and min(crosses["x"]) > 200
+    assert len(crosses["x"]) == ((rows["sweep"] == sweep) & (rows["deadline"] > 0.2)).sum()
+    whole = delay_chart(content.completion, content.policies)["data"]
+    for late, trace in zip(late_chart(content.completion, content.policies)["data"], whole, strict=True):
+        told = np.array([np.nan if each is None else each for each in late["y"]], float)
+        known = np.isfinite(told)
+        np.testing.assert_allclose(told[known], 1.0 - np.asarray(trace["y"])[known], atol=1e-12)
+        assert (np.asarray(trace["y"])[~known] > 1.0 - 1e-5).all()
 
 
 def test_what_failed_or_diverged_is_told(content: StudyPage, tmp_path: Path) -> None:

@@ -120,8 +120,9 @@ def present_lines(advice: Advice) -> list[str]:
     """Whether the present deadline is acceptable, with the present gains."""
     margin, now, rest = advice.current_margin, advice.judged.iloc[0], advice.judged.iloc[1]
     close, target = f"{collisions_text(now)} of its runs collide", advice.target.text
+    so = "this, and collisions in the limit," if margin.safe else "this, but not collisions in the limit,"
     where = (
-        f"this, and collisions in the limit, from {bound_text(margin.low)} to {bound_text(margin.high)} ms"
+        f"{so} from {bound_text(margin.low)} to {bound_text(margin.high)} ms"
         if margin.reached
         else f"at no deadline; the best is {margin.best_text}"
     )

@@ -20,9 +20,11 @@ def margin_lines(advice: Advice) -> list[str]:
     if not margin.reached:
         return [f"MARGIN  None: with the recommended gains there is no deadline at which {target.text}; the best is "
                 f"{margin.best_text}."]  # fmt: skip
+    safe = "but collisions break their limit,"
+    if margin.safe:
+        safe = f"and collisions keep {advice.max_collision_share:.1%} by the upper end of their interval,"
     return [
-        f"MARGIN  With the recommended gains {target.text}, and collisions keep {advice.max_collision_share:.1%} by "
-        "the upper end of their interval,",
+        f"MARGIN  With the recommended gains {target.text}, {safe}",
         f"  for deadlines from {bound_text(margin.low)} to {bound_text(margin.high)} ms.",
     ]
 

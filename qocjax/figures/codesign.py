@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
@@ -16,6 +15,7 @@ from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
 from qocjax.figures.save import save
 from qocjax.figures.style import GREY, OKABE_ITO, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
+from qocjax.figures.ticks import label_steps
 
 __all__ = ["draw_codesign", "qoc_against_demand", "search_curves"]
 
@@ -165,7 +165,7 @@ def qoc_against_demand(
             _label_demand(axes, rows)
         else:
             axes.set_xscale("log")
-            _label_steps(axes.xaxis, rows[against])
+            label_steps(axes.xaxis, *_about(rows[against]))
             axes.set_xlabel(_WORKERS[against])
         axes.set_ylabel(_LABELS.get(measure, measure))
         axes.margins(x=0.08, y=0.2)
@@ -176,22 +176,18 @@ def qoc_against_demand(
 def _label_demand(axes: Axes, rows: pd.DataFrame) -> None:
     """Loops per second below, uplink kbit/s and resource blocks above, all logarithmic."""
     axes.set_xscale("log")
-    _label_steps(axes.xaxis, rows["loops_per_s"])
+    label_steps(axes.xaxis, *_about(rows["loops_per_s"]))
     axes.set_xlabel("Loops per second, all robots")
     for place, (name, label) in enumerate(_DEMANDS.items()):
         ratio = float((rows[name] / rows["loops_per_s"]).iloc[0])
         functions = (partial(np.multiply, ratio), partial(np.multiply, 1 / ratio))
         above = axes.secondary_xaxis(1.0 + 0.28 * place, functions=functions)
-        _label_steps(above.xaxis, rows[name])
+        label_steps(above.xaxis, *_about(rows[name]))
         above.set_xlabel(label)
 
 
-def _label_steps(axis: Axis, values: pd.Series) -> None:
-    """Marks at 1, 2 and 5 times powers of ten about the values."""
-    steps = np.outer(10.0 ** np.arange(-6, 9), [1, 2, 5]).ravel()
-    axis.set_major_locator(FixedLocator(list(steps[(steps >= values.min() / 1.3) & (steps <= 1.3 * values.max())])))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(NullFormatter())
+def _about(values: pd.Series) -> tuple[float, float]:
+    return float(values.min()) / 1.3, 1.3 * float(values.max())
 
 
 def draw_codesign(

@@ -9,9 +9,11 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
+from qocjax.figures.colliding import collision_cells, hatch_cells, hatch_patches
 from qocjax.figures.quantities import DEADLINE_LABEL, PARAMETERS, RELIABILITY_LABEL, milliseconds
 from qocjax.figures.style import COLOUR_MAP, POLICIES, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import baseline_index, check_table, grid, policy_rows, sweep_rows
@@ -29,6 +31,7 @@ def qoc_map(
     sweep: str,
     *,
     baseline: Mapping[str, float] | None = None,
+    limit: float | None = None,
     width: float = SINGLE_COLUMN,
     height: float = 2.3,
 ) -> Figure:
@@ -37,12 +40,14 @@ def qoc_map(
     Deadlines are to scale, each cell reaching half-way to the next; values are evenly spaced whatever their grid. The
     baseline's label is bold. The top axis shows where F(Δ) passes 1, 50 and 99 %. Where `policies` says what the seeds
     cannot tell from Co-design's choice, a line spans its deadlines, and triangles on the left point at its values.
+    Hatches cover cells whose runs collide too often, see `collision_cells`.
 
     Args:
         results: One row per sweep, value and deadline.
         policies: One row per sweep and policy, chosen from the cells of `results`.
         sweep: The parameter.
         baseline: Baseline values by parameter. One that is not given is read from the other sweeps.
+        limit: Largest share of runs with a collision; None hatches nothing.
         width: Inches.
         height: Inches.
 
@@ -68,8 +73,13 @@ def qoc_map(
         ties = _draw_ties(axes, policies, sweep, values)
         handles = [_draw_point(axes, name, 1e3 * deadline, index) for name, (deadline, index) in points.items()]
         handles += ties
-        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=1.0,
-                      columnspacing=1.2)  # fmt: skip
+        hatches: list[Patch] = []
+        if limit is not None:
+            cells = collision_cells(table, limit)
+            hatch_cells(axes, _edges(1e3 * deadlines), cells)
+            hatches = hatch_patches(cells, limit)
+        figure.legend(handles=[*handles, *hatches], loc="outside upper center", ncols=3 if hatches else len(handles),
+                      handlelength=1.0, columnspacing=1.2)  # fmt: skip
     return figure
 
 

@@ -20,6 +20,7 @@ __all__ = ["delay_figure", "qoc_figure", "win_map"]
 
 _EVEN = 0.01  # difference of QoC up to which colours are even
 _LINES = ("-", "--", "-", "-.", ":")
+_RAREST = 1e-3  # share of loops down to which tails are drawn
 _QUANTILES = ((0.5, "o"), (0.95, "s"), (0.99, "^"))
 
 
@@ -82,7 +83,10 @@ def delay_figure(
     loop_times: Mapping[str, np.ndarray], transport: pd.DataFrame, results: pd.DataFrame, best: pd.DataFrame,
     loss: float, burst: float, *, width: float = DOUBLE_COLUMN, height: float = 2.4,
 ) -> Figure:  # fmt: skip
-    """Draws the distribution of loop times with the 50th, 95th and 99th percentile, and losses and deadline misses.
+    """Draws the share of loops that take longer than a time, with percentiles, and losses and deadline misses.
+
+    That share has a logarithmic axis: tails are what deadlines cut. Marks are the 50th, 95th and 99th percentile of
+    the loops that arrive.
 
     Args:
         loop_times: T_net (s) by profile, any shape, inf where lost.
@@ -117,9 +121,10 @@ def delay_figure(
             room = 0.35 * (max(spread) - min(spread)) + 1e-3
             left.set_xlim(1e3 * max(min(spread) - room, 0.0), 1e3 * (max(spread) + room))
         left.set_xlabel(r"Loop time $T_\mathrm{net}$ (ms)")
-        left.legend(handles=_marks(), title="of those that arrive", loc="lower right")
-        left.set_ylabel("Share of all loops")
-        left.set_ylim(0.0, 1.03)
+        left.legend(handles=_marks(), title="of those that arrive", loc="lower left")
+        left.set_ylabel("Share of loops that take longer")
+        left.set_yscale("log")
+        left.set_ylim(_RAREST, 1.15)
         right.set_xlabel(DEADLINE_LABEL + r"; $\star$ best QoC")
         right.set_ylabel("Loops that miss it (%)")
         right.set_ylim(bottom=0.0)
@@ -139,10 +144,12 @@ def _distribution(axes: Axes, name: str, times: np.ndarray, row: pd.Series, k: i
     arrived = times[np.isfinite(times)]
     line = Line2D([], [], color=_colour(k), ls=_line(k), label=name)
     if arrived.size:
-        levels, share = np.linspace(0.0, 1.0, 400), arrived.size / times.size
-        axes.plot(1e3 * np.quantile(arrived, levels), share * levels, color=_colour(k), ls=_line(k))
+        levels, share = 1.0 - np.geomspace(1.0, _RAREST, 400), arrived.size / times.size
+        axes.plot(1e3 * np.quantile(arrived, levels), 1.0 - share * levels, color=_colour(k), ls=_line(k))
         for (level, marker), q in zip(_QUANTILES, ("p50", "p95", "p99"), strict=True):
-            axes.plot([1e3 * row[q]], [share * level], ls="", marker=marker, ms=4, mfc="w", mec=_colour(k), zorder=3)
+            axes.plot(
+                [1e3 * row[q]], [1.0 - share * level], ls="", marker=marker, ms=4, mfc="w", mec=_colour(k), zorder=3
+            )
     return line
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from qocjax.figures.save import save
 from qocjax.figures.style import GREY, OKABE_ITO, SINGLE_COLUMN, paper_style
+from qocjax.figures.ticks import label_steps
 from qocjax.figures.trajectories import trajectories
 from qocjax.recorded.judge import Quality
 from qocjax.recorded.loops import LoopTrace
@@ -73,7 +74,9 @@ def _views(quality: Quality) -> dict[str, Quality]:
 
 
 def delay_figure(loops: dict[str, LoopTrace], *, width: float = SINGLE_COLUMN) -> Figure:
-    """Draws the share of loops, and of their parts, that take at most a time; lost loops keep a curve below 1.
+    """Draws the share of loops, and of their parts, that take longer than a time: the complementary distribution.
+
+    Both axes are logarithmic, so that one late loop in a thousand is seen; lost loops keep a curve above their share.
 
     Args:
         loops: Traces by robot; at most six are told apart by colour.
@@ -82,7 +85,7 @@ def delay_figure(loops: dict[str, LoopTrace], *, width: float = SINGLE_COLUMN) -
     with paper_style():
         figure = Figure(figsize=(width, 0.75 * width), layout="constrained")
         axes = figure.add_subplot()
-        smallest, largest = np.inf, 0.0
+        smallest, largest, rarest = np.inf, 0.0, 1.0
         for k, (robot, trace) in enumerate(loops.items()):
             for column, (label, style) in _PARTS.items():
                 values = trace.table[column].dropna().to_numpy()
@@ -92,14 +95,18 @@ def delay_figure(loops: dict[str, LoopTrace], *, width: float = SINGLE_COLUMN) -
                 colour = OKABE_ITO[(list(_PARTS).index(column) if len(loops) == 1 else k) % len(OKABE_ITO)]
                 name = label if len(loops) == 1 else f"{robot}: {label}"
                 count = len(trace.table) if column == "loop_time" else ordered.size
-                share = np.arange(1, ordered.size + 1) / count
-                axes.step(ordered, share, style, where="post", color=colour, label=name, lw=1.1)
+                later = 1.0 - np.arange(1, ordered.size + 1) / count
+                axes.step(ordered, np.where(later > 1e-12, later, np.nan), style, where="post", color=colour,
+                          label=name, lw=1.1)  # fmt: skip
                 smallest, largest = min(smallest, np.percentile(ordered, 0.5)), max(largest, ordered[-1])
+                rarest = min(rarest, 1.0 / count)
         axes.set_xscale("log")
+        axes.set_yscale("log")
         axes.set_xlim(max(smallest, 1e-3), largest)
-        axes.set_ylim(0.0, 1.01)
+        axes.set_ylim(0.7 * rarest, 1.15)
         axes.set_xlabel("Delay (ms)")
-        axes.set_ylabel("Share of loops")
+        axes.set_ylabel("Share of loops that take longer")
+        label_steps(axes.xaxis, max(smallest, 1e-3), largest)
         figure.legend(loc="outside upper center", ncols=2)
     return figure
 

@@ -18,7 +18,12 @@ __all__ = ["draw_study"]
 
 
 def draw_study(
-    results: pd.DataFrame, policies: pd.DataFrame, run: RunLike, folder: Path, pool: Executor | None = None
+    results: pd.DataFrame,
+    policies: pd.DataFrame,
+    run: RunLike,
+    folder: Path,
+    pool: Executor | None = None,
+    limit: float | None = None,
 ) -> list[Path]:
     """Draws the policies' bars, AUC against the deadline, a QoC map for each sweep, and the run's trajectories.
 
@@ -30,6 +35,7 @@ def draw_study(
         run: A representative run.
         folder: Where the files go.
         pool: A process that helps, from `process_beside`.
+        limit: Largest share of runs with a collision; None for none.
 
     Returns:
         The files, a PNG and a PDF of each figure.
@@ -39,7 +45,7 @@ def draw_study(
     figures = {
         "policies": partial(policy_bars, policies),
         "auc_" + "_".join(lines): partial(auc_against_deadline, results, lines),
-        **{f"qoc_{sweep}": partial(qoc_map, results, policies, sweep) for sweep in sweeps},
+        **{f"qoc_{sweep}": partial(qoc_map, results, policies, sweep, limit=limit) for sweep in sweeps},
         "trajectories": partial(trajectories, run),
     }
     return draw_all([(make, folder / name) for name, make in figures.items()], pool)

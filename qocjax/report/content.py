@@ -63,6 +63,7 @@ def study_page(
         seed=runs[0].seed if runs else None,
         hall=None if room is None else hall_map(room),
         failures=dict(study.failures),
+        limit=None if options is None else options.get("max_collision_share"),
         hanging=hanging_of(problem, list(dict.fromkeys(study.results["sweep"]))),
     )
 

@@ -16,8 +16,10 @@ from qocjax.report.html import escape, number
 from qocjax.report.labels import MARKERS, RELIABILITY, symbol
 from qocjax.study.reliability import share_text
 
-__all__ = ["Completion", "completion_words", "delay_chart", "delay_facts"]
+__all__ = ["Completion", "completion_words", "delay_chart", "delay_facts", "late_chart"]
 
+_RAREST = 1e-6  # share of loops; below it is the rounding of F
+_LATE = "Loops that take longer, 1 − <i>F</i>(Δ)"
 _PERCENTILES = (0.5, 0.95, 0.99)
 
 
@@ -43,6 +45,25 @@ def delay_chart(completion: Sequence[Completion], policies: pd.DataFrame) -> dic
     return {"data": [*reversed(curves), *marks],
             "layout": layout(xaxis=axis("Loop time, or deadline Δ (ms)"), yaxis=y, hovermode="closest",
                              margin={"l": 62, "r": 14, "t": 14, "b": 48})}  # fmt: skip
+
+
+def late_chart(completion: Sequence[Completion], policies: pd.DataFrame) -> dict[str, Any]:
+    """The share of loops that take longer than a deadline, 1 - F(Δ), on a logarithmic axis: the tail of the delay.
+
+    Args:
+        completion: As of `delay_chart`.
+        policies: Table of the study; a choice that no loop misses has no mark.
+    """
+    chart = delay_chart(completion, policies)
+    rarest = 1.0
+    for trace in chart["data"]:
+        later = 1.0 - np.asarray(trace["y"], float)
+        seen = later > _RAREST
+        rarest = min(rarest, later[seen].min(initial=1.0))
+        trace["y"] = [float(each) if known else None for each, known in zip(later, seen, strict=True)]
+    low = float(np.log10(0.7 * rarest))
+    chart["layout"]["yaxis"] = axis(_LATE, type="log", range=[low, 0.06], tickformat="~g")
+    return chart
 
 
 def completion_words(completion: Sequence[Completion]) -> str:

@@ -13,9 +13,9 @@ import pandas as pd
 from qocjax.figures.tables import present_sweeps
 from qocjax.quality import QocScale
 from qocjax.report.charts import series_style
-from qocjax.report.delays import Completion, completion_words, delay_chart, delay_facts
+from qocjax.report.delays import Completion, completion_words, delay_chart, delay_facts, late_chart
 from qocjax.report.hall import HallMap
-from qocjax.report.html import escape, interval, number
+from qocjax.report.html import escape, interval, number, percent
 from qocjax.report.page import Section, details, facts, render, write
 from qocjax.report.parts import chart_place, tabs
 from qocjax.report.policies import headline, limit_notes, policies_table
@@ -45,6 +45,7 @@ class StudyPage:
     seed: int | None = None  # of the replays
     hall: HallMap | None = None
     failures: Mapping[str, str] = field(default_factory=dict)  # why a part of the study has no results
+    limit: float | None = None  # largest share of runs with a collision
     hanging: Hanging = Hanging()  # conclusions of the paper that hang on a choice
 
 
@@ -60,13 +61,16 @@ def write_study_report(path: Path, page: StudyPage) -> Path:
     """
     sweeps = list(dict.fromkeys(page.results["sweep"]))
     sweeps = [each for each in present_sweeps(page.results)] + [s for s in sweeps if s not in _known(page.results)]
-    charts: dict[str, Any] = {"delay": delay_chart(page.completion, page.policies)}
+    charts: dict[str, Any] = {
+        "delay": delay_chart(page.completion, page.policies),
+        "late": late_chart(page.completion, page.policies),
+    }
     for sweep in sweeps:
-        charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep)
+        charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep, page.limit)
         charts[f"auc-{sweep}"] = auc_chart(page.results, sweep)
     sections = [
         Section("policies", "Policies", _policies(page)),
-        Section("sweeps", "Sweeps", _sweeps(page.results, sweeps)),
+        Section("sweeps", "Sweeps", _sweeps(page.results, sweeps, page.limit)),
         Section("delays", "Loop times", _delays(page)),
     ]
     data: dict[str, Any] = {"charts": charts}
@@ -176,7 +180,7 @@ def _hanging(hanging: Hanging) -> str:
     return f"<p>{escape(hanging.text)}</p>{numbers}"
 
 
-def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:
+def _sweeps(results: pd.DataFrame, sweeps: Sequence[str], limit: float | None) -> str:
     panels = {
         sweep: f'<div class="pair">{chart_place(f"qoc-{sweep}", "QoC over deadline and value", keys=True)}'
         f"{chart_place(f'auc-{sweep}', 'AUC over the deadline', after=auc_legend(results, sweep))}</div>"
@@ -187,13 +191,21 @@ def _sweeps(results: pd.DataFrame, sweeps: Sequence[str]) -> str:
     return (
         f"<style>{style}</style><p>QoC and AUC of every design on the seeds of the choice. The marks are the policies' "
         "choices (star Co-design, circle MinDelay, square MaxRel), the baseline's value is bold, bands are one "
-        f"standard error.</p>{tabs(panels)}"
+        f"standard error.{_collision_words(limit)}</p>{tabs(panels)}"
     )
+
+
+def _collision_words(limit: float | None) -> str:
+    if limit is None:
+        return ""
+    return (f" Crosses: more than {percent(limit)} of the runs collide, by the lower end of the 95 % interval; dots: "
+            "some collide, and the upper end is above.")  # fmt: skip
 
 
 def _delays(page: StudyPage) -> str:
     return (
         f"<p>How many loops complete within a deadline, on the network {escape(page.network)}, and the deadlines that "
         f"the policies chose.{completion_words(page.completion)}</p>{facts(delay_facts(page.completion[0]))}"
-        f"{chart_place('delay', 'Loop completion over the deadline')}"
+        f'<div class="pair">{chart_place("delay", "Loop completion over the deadline")}'
+        f"{chart_place('late', 'Loops that take longer')}</div>"
     )

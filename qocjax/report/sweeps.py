@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from qocjax.figures.colliding import BREAKS, OPEN, collision_cells
 from qocjax.figures.tables import baseline_index, grid
 from qocjax.report.charts import axis, colour_scale, layout, legend_item, series_uid
 from qocjax.report.html import escape, number, percent, plus_minus
@@ -27,13 +28,14 @@ _POINT = (
 )
 
 
-def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str) -> dict[str, Any]:
-    """A heat map of QoC over deadline and value, with the policies' choices.
+def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str, limit: float | None = None) -> dict[str, Any]:
+    """A heat map of QoC over deadline and value, with the policies' choices, crossed where too many runs collide.
 
     Args:
         results: Table of the study; colours span all of it, so that its sweeps can be compared.
         policies: Table of its policies.
         sweep: The parameter.
+        limit: Largest share of runs with a collision; None crosses nothing.
     """
     rows = results[results["sweep"] == sweep]
     values, deadlines, scores = grid(rows, "qoc")
@@ -55,7 +57,7 @@ def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str) -> dict
     )
     share = rows.groupby("deadline")["reliability"].agg(["min", "max", "mean"])
     return {
-        "data": [heat, *_choices(policies, sweep, values), *_top(1e3 * deadlines, share)],
+        "data": [heat, *_crosses(rows, limit), *_choices(policies, sweep, values), *_top(1e3 * deadlines, share)],
         "layout": layout(xaxis=bottom, yaxis=up, xaxis2=_top_axis(1e3 * deadlines, share),
                          margin={"l": 62, "r": 10, "t": 44, "b": 48}),
         "symbol": symbol(sweep),
@@ -130,6 +132,20 @@ def _ends(centres: np.ndarray) -> list[float]:
     if centres.size == 1:
         return [float(centres[0]) - 0.5, float(centres[0]) + 0.5]
     return [float(1.5 * centres[0] - 0.5 * centres[1]), float(1.5 * centres[-1] - 0.5 * centres[-2])]
+
+
+def _crosses(rows: pd.DataFrame, limit: float | None) -> list[dict[str, Any]]:
+    """Small crosses on cells that break the limit on collisions for sure, dots where that is open."""
+    if limit is None:
+        return []
+    cells, deadlines, found = collision_cells(rows, limit), np.unique(rows["deadline"]), []
+    for kind, mark in ((BREAKS, "x-thin"), (OPEN, "circle")):
+        k, at = np.nonzero(cells == kind)
+        look = {"symbol": mark, "size": 4 if kind == BREAKS else 2, "color": "#222222",
+                "line": {"width": 1, "color": "#222222"}}  # fmt: skip
+        found.append({"type": "scatter", "mode": "markers", "x": 1e3 * deadlines[at], "y": k.tolist(), "marker": look,
+                      "hoverinfo": "skip"})  # fmt: skip
+    return [each for each in found if len(each["y"])]
 
 
 def _choices(policies: pd.DataFrame, sweep: str, values: np.ndarray) -> list[dict[str, Any]]:

@@ -61,8 +61,8 @@ def curves_of(
 ) -> tuple[pd.DataFrame, tuple[Margin, Margin]]:
     """QoC and collisions over the deadline for both gains, and the margin of each.
 
-    Within a margin the target is kept, and the limit on collisions by the upper end of their share; where no deadline
-    shows that, by the least that is shown.
+    Within a margin the target is kept, and the limit on collisions by the upper end of their share. Where no deadline
+    shows that, those that collide the least are taken; where even these do so too often, all are.
     """
     axis = np.union1d(axis, [float(np.asarray(best.deadline))])
     designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
@@ -83,6 +83,9 @@ def curves_of(
         close = [share(hits, scores.units, like=usual) for hits in collided[which]]
         table |= {f"collision_{name}": [e.mean for e in close], f"collision_{name}_low": [e.low for e in close],
                   f"collision_{name}_high": [e.high for e in close]}  # fmt: skip
+        safe = min(each.high for each in close) <= limit
         excess = collision_excess(collided[which], limit, scores.units, usual)
-        margins.append(deadline_margin(axis, merits[which], target, scores.units, excess))
+        if not safe and min(each.mean for each in close) > limit:
+            excess = np.zeros(axis.size)
+        margins.append(replace(deadline_margin(axis, merits[which], target, scores.units, excess), safe=safe))
     return pd.DataFrame(table), (margins[0], margins[1])

@@ -23,6 +23,7 @@ class Margin:
     merit: Estimate  # its mean there
     low: Bound  # s
     high: Bound  # s
+    safe: bool = True  # whether collisions keep their limit between them, by the upper end of their share
 
     @property
     def reached(self) -> bool:
@@ -53,7 +54,7 @@ def deadline_margin(
     units: np.ndarray | None = None,
     excess: ArrayLike = 0.0,
 ) -> Margin:
-    """The stretch of deadlines around the best in which mean merits reach a target.
+    """The stretch of deadlines around the best in which mean merits reach a target, and nothing else its limit.
 
     Args:
         deadlines: [D] s, ascending.
