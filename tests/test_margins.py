@@ -11,7 +11,18 @@ import xarray as xr
 from scipy import special
 
 from qocjax import Design, QocScale, Rules, Scenario, paper_network
-from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, Load, LoopNetwork, Trace, loop_times
+from qocjax.network import (
+    Constant,
+    Edge,
+    GilbertElliott,
+    IndependentLoss,
+    Leg,
+    Load,
+    LoopNetwork,
+    Trace,
+    loop_times,
+    with_edge,
+)
 from qocjax.network.stressed import Stressed
 from qocjax.study.margins import deadline_margin
 from qocjax.study.objective import Objective
@@ -272,3 +283,14 @@ def test_loops_may_grow_until_they_miss_the_deadline() -> None:
     assert table.loc["as it is", "current_qoc"] > table.loc["all loop times x 1.25", "current_qoc"]  # 0.25 s miss 0.2 s
     safe = largest_growth(objective, replace(BASE, deadline=0.7), range(4), Target())
     assert safe.value == GROWTHS[-1] and safe.at_edge
+
+
+def test_worse_networks_that_differ_in_numbers_share_their_programs() -> None:
+    """The draws of all are those of the network, and the factor is a number that a program takes."""
+    edge = with_edge(paper_network(), Edge(discipline="skip"))
+    networks = [Stressed(edge, delay_factor=factor) for factor in (1.05, 1.3, 2.0)]
+    assert len({network.drawn_as for network in networks}) == 1
+    assert len({jax.tree.structure(network) for network in networks}) == 1
+    assert Stressed(edge, double_losses=True).drawn_as != networks[0].drawn_as
+    back = jax.tree.unflatten(jax.tree.structure(networks[0]), jax.tree.leaves(networks[1]))
+    assert back == networks[1]

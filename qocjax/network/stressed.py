@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import jax
@@ -13,6 +13,7 @@ from jax import Array
 from qocjax import _checks
 from qocjax.network._fields import store_float
 from qocjax.network.completion import completes
+from qocjax.network.contention import source_of
 from qocjax.network.edge import Edge
 from qocjax.network.edge_network import EdgeNetwork, Path, copied_parts
 from qocjax.network.interface import Contended, Load, Network, Reliability, Serve, SharedNetwork
@@ -21,6 +22,7 @@ from qocjax.network.trace import key_of_copy
 __all__ = ["LostTwice", "SlowCompute", "Stressed", "with_lost_twice", "with_slow_compute"]
 
 
+@jax.tree_util.register_pytree_node_class
 @dataclass(frozen=True)
 class Stressed:
     """A network that became worse: every loop takes longer, or is lost when a second copy of the network fails too.
@@ -49,6 +51,28 @@ class Stressed:
         doubled = ", losses doubled" if self._copied else ""
         longer = f", bursts x {self.hang}" if self.hang > 1 else ""
         return f"{self.network.name}, delay x {self.delay_factor:g}{doubled}{longer}"
+
+    @property
+    def drawn_as(self) -> Stressed:
+        """A network with the same draws: factors and bursts are no matter of chance."""
+        like = source_of(self.network)
+        return replace(self, network=like, delay_factor=1.0, hang=1, miss_deadline=None, double_losses=self._copied)
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
+        """Numbers, of which one program serves all, and what it is compiled for: a network that has none among it."""
+        inner = isinstance(self.network, SharedNetwork)
+        children = (self.network if inner else None, self.delay_factor, self.miss_deadline)
+        return children, (None if inner else self.network, self.double_losses, self.hang)
+
+    @classmethod
+    def tree_unflatten(cls, aux: Any, children: Any) -> Stressed:
+        """The network again; within a program its numbers are traced, and so not checked."""
+        found = object.__new__(cls)
+        values = dict(zip(("network", "delay_factor", "miss_deadline"), children, strict=True))
+        values |= {"double_losses": aux[1], "hang": aux[2]}
+        for name, value in (values | ({} if aux[0] is None else {"network": aux[0]})).items():
+            object.__setattr__(found, name, value)
+        return found
 
     @property
     def uses_deadline(self) -> bool:
