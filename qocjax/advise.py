@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import textwrap
-from dataclasses import fields
+import time
+from collections.abc import Callable
+from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +32,7 @@ from qocjax.study.slack import Slack
 
 __all__ = ["advice_values", "main", "page", "run"]
 
+_OFTEN = 30.0  # s between lines of progress
 _SLACK = [item.name for item in fields(Slack) if item.name != "plane"]  # its table goes into a file of its own
 
 
@@ -43,8 +47,9 @@ def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None
     Raises:
         ValueError: A value of the configuration is out of range, or nothing can be advised.
     """
-    config.surrogate_only()
-    options, network = config.advise, config.build_network()
+    options, network, controller = config.advise, config.build_network(), config.build_controller()
+    if getattr(controller, "predict", False):  # only for commands that take effect at the deadline
+        raise ValueError("controller.predict: got true, expected false: advice also tries commands that act on arrival")
     _checks.bounded("advise.tau_ms", options.tau_ms, above=0)
     taus = [ms / 1e3 for ms in options.tau_ms]
     config.check_rate(network, min([config.loop.tau, *taus]))
@@ -52,7 +57,8 @@ def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None
         config.build_scenario(), network, config.current(), config.bounds(),
         rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
         max_collision_share=options.max_collision_share, how=options.objective, taus=taus,
-        effort=config.effort(), asked=config.asked(), scale=config.scale(),
+        effort=config.effort(), asked=config.asked(), scale=config.scale(), controller=controller,
+        told=_progress() if controller.costly else None,
     )  # fmt: skip
     if folder is not None:
         values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance()
@@ -89,7 +95,24 @@ def advice_values(advice: Advice) -> dict:
         "j_med": advice.scale.median, "j_med_se": advice.scale.median_se, "j_max": advice.scale.largest,
         "seeds": advice.seeds, "simulations": advice.simulations,
     }  # fmt: skip
+    for name in ("recommended", "by_mean", "current"):
+        found[name] = {key: value for key, value in asdict(found[name]).items() if key not in advice.unread}
     return plain(found)
+
+
+def _progress() -> Callable[[int], None]:
+    """Says on standard error how far a long advice has come, every half minute."""
+    begin, done, said = time.monotonic(), 0, 0.0
+
+    def told(runs: int) -> None:
+        nonlocal done, said
+        done += runs
+        passed = time.monotonic() - begin
+        if passed - said >= _OFTEN:
+            said = passed
+            print(f"{done} runs in {passed:.0f} s", file=sys.stderr, flush=True)
+
+    return told
 
 
 def _robot_values(config: AdviseConfig, seen: RobotSeen | None) -> dict:

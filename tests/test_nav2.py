@@ -84,7 +84,7 @@ def advice(tau: float = 0.1, deadline: float = 0.3, v_max: float = 0.7, omega_ma
         verdict="recommended",
         recommended=Design(tau=tau, deadline=deadline, v_max=v_max, omega_max=omega_max),
         judged=pd.DataFrame({"age_peak_p99": [0.9, 0.62]}), network={"name": "5g"},
-        character={"percentiles_ms": {"p50": 120.0}, "reliability": 0.97, "p99_miss_run": 3},
+        character={"percentiles_ms": {"p50": 120.0}, "reliability": 0.97, "p99_miss_run": 3}, unread=(),
     )  # fmt: skip
 
 

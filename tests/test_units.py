@@ -14,6 +14,7 @@ from qocjax import Design, Scenario, evaluate, one_at_a_time, run_study
 from qocjax.network import Trace, loop_times, paper_network
 from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.network.stressed import Stressed
+from qocjax.network.trace import replayed_trace
 from qocjax.quality import QocScale
 from qocjax.study.margins import deadline_margin
 from qocjax.study.objective import Objective
@@ -26,7 +27,6 @@ from qocjax.study.statistics import estimate, paired, relative, resampled, share
 from qocjax.study.tuning import Bounds
 from qocjax.study.tuning import judge as judge_tuned
 from qocjax.study.tuning.problem import Problem as TuningProblem
-from qocjax.network.trace import replayed_trace
 from qocjax.study.units import seeds_apart, trace_remark, units_in, units_of
 from qocjax.study.validation.resample import resample
 from qocjax.study.validation.simulated import simulated_curve

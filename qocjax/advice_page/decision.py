@@ -14,6 +14,7 @@ _POLICIES = {
     "MinDelay": "yours is shorter: MinDelay, fresh commands but few of them",
     "MaxRel": "yours is longer: MaxRel, waiting for the last loops",
 }
+_LAWS = {"Apf": "the surrogate law", "NavigationStack": "the navigation stack"}
 
 
 def decision_lines(advice: Advice) -> list[str]:
@@ -35,6 +36,7 @@ def _head(advice: Advice) -> list[str]:
     values = ", ".join(
         f"{name} {float(getattr(best, name)):.3g} {printed_unit(name)}".strip() + ("*" if name in advice.kept else "")
         for name in GAINS
+        if name not in advice.unread
     )
     kept = " (kept)" if ms(best.tau) == own else f", yours {own} ms"
     head = f"deadline {ms(best.deadline)} ms at tau {ms(best.tau)} ms{kept}"
@@ -93,10 +95,11 @@ def _judged_on(advice: Advice) -> list[str]:
     """Robot, edge and network."""
     setup = advice.setup
     robots = f"{setup['robots']} robot{'' if setup['robots'] == 1 else 's'}"
+    law = _LAWS.get(setup["controller"], setup["controller"])
     return [
         f"Judged on  {robots} of radius {setup['robot_radius']:g} m, at most {setup['v_max']:.3g} m/s and "
-        f"{setup['omega_max']:.3g} rad/s, runs of {setup['horizon']:g} s, {advice.seeds['fresh']} seeds; network "
-        f"{advice.network.get('name', '')}.",
+        f"{setup['omega_max']:.3g} rad/s, with {law}, runs of {setup['horizon']:g} s, "
+        f"{advice.seeds['fresh']} seeds; network {advice.network.get('name', '')}.",
         f"           {advice.capacity}",
         *([f"           NOTE: {advice.trace}"] if advice.trace else []),
     ]

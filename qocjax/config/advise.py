@@ -66,7 +66,10 @@ class AdviseOptions(Part):
     points: int
     rounds: list[int]
     finalists: int
+    choice_seeds: int | None
     fresh_seeds: int
+    beside_seeds: int | None
+    deadlines: int | None
     scale: str | None
     margins: MarginsConfig
 
@@ -109,7 +112,7 @@ class AdviseConfig(SimulationConfig):
             if "v_max" not in found and slowest < 1:
                 found["v_max"] = (slowest * self.robot.v_max, self.robot.v_max)
         for name, cap in (("v_max", self.robot.v_max), ("omega_max", self.robot.omega_max)):
-            if name in found and found[name][1] > cap:
+            if name in found and found[name][1] > cap * (1 + 1e-9):
                 raise ValueError(f"advise.bounds.{name}: got {found[name][1]:g}, expected at most the robot's {cap:g}")
         return found
 
@@ -127,4 +130,5 @@ class AdviseConfig(SimulationConfig):
     def effort(self) -> Effort:
         """How much to simulate."""
         options = self.advise
-        return Effort(options.points, tuple(options.rounds), options.finalists, options.fresh_seeds)
+        names = ("points", "finalists", "choice_seeds", "fresh_seeds", "beside_seeds", "deadlines")
+        return Effort(rounds=tuple(options.rounds), **{name: getattr(options, name) for name in names})

@@ -25,6 +25,7 @@ class Apf:
     """The surrogate law as a controller: it remembers nothing, and all its parameters are the design's."""
 
     costly = False
+    unread = ()
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
         """It can do everything."""

@@ -39,11 +39,17 @@ class Controller(Protocol):
 
     Attributes:
         costly: Whether a command takes so long that no run may be simulated for filling up a batch.
+        unread: Values of a design that it does not read.
     """
 
     @property
     def costly(self) -> bool:
         """Whether a command takes long."""
+        ...
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Values of a design that it does not read."""
         ...
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:

@@ -68,12 +68,15 @@ def _head(advice: Advice, best: Set) -> str:
 
 def _notes(advice: Advice, best: Set, params: NavParams | None, changes: Sequence[Change]) -> str:
     gap = math.ceil((advice.character["p99_miss_run"] + 1) * best.tau * 1e3)
-    values = {name: float(np.asarray(getattr(advice.recommended, name))) for name in _GAINS}
+    values = {
+        name: float(np.asarray(getattr(advice.recommended, name))) for name in _GAINS if name not in advice.unread
+    }
     gains = ", ".join(f"{name} {value:.4g} {_GAINS[name]}".rstrip() for name, value in values.items())
     parts = [
         _WHERE.format(hold=decimal(best.hold)), _delay(best, params, changes), _QOS.format(
             lifespan=round(best.deadline * 1e9), gap=gap, gap_ns=gap * 1_000_000, run=advice.character["p99_miss_run"]),
-        _REST.format(deadline=1e3 * best.deadline, gains=gains), *_of_file(best, params, changes),
+        _REST.format(deadline=1e3 * best.deadline), _LAW.format(gains=gains) if gains else "",
+        *_of_file(best, params, changes),
     ]  # fmt: skip
     return "\n".join([_BEGIN, *(part.strip("\n") for part in parts if part), _END, ""])
 
@@ -142,6 +145,9 @@ _REST = """
 #   deadline: {deadline:.4g} ms. A loop that takes longer is given up, and a command takes effect exactly that long
 #     after its sample. Nav2 applies a command when it comes; a node at the robot that holds each one until its stamp
 #     plus the deadline does the same as the model.
+"""
+
+_LAW = """
 #   gains of the surrogate law (goal, heading, repulsion, staleness penalty, safety distance):
 #     {gains}
 #     c_miss and d_safe act like an inflation_radius that grows with the age of the other robots' positions.

@@ -65,9 +65,6 @@ STACK_MPPI = MppiConfig(
     ),
 )
 
-# Values of a design that only the surrogate law reads.
-_UNREAD = ("eta", "kappa", "gamma", "c_miss", "d_safe")
-
 
 @dataclass(frozen=True)
 class NavigationStack:
@@ -103,6 +100,7 @@ class NavigationStack:
     backup_dist: float = 0.3
 
     costly = True
+    unread = ("eta", "kappa", "gamma", "c_miss", "d_safe")
 
     def __post_init__(self) -> None:
         if not isinstance(self.static_map, StaticMap):
@@ -133,7 +131,7 @@ class NavigationStack:
             ValueError: A design varies what the stack does not read, or turns faster than it can; a start or goal is in
                 a closed cell; robots start in collision; predictions for another actuation than `deadline`.
         """
-        for name in _UNREAD:
+        for name in self.unread:
             value = getattr(designs, name)
             if _checks.is_concrete(value) and np.unique(np.asarray(value)).size > 1:
                 raise ValueError(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from qocjax.controllers import Apf, Controller
 from qocjax.network import Load, Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
@@ -73,6 +74,7 @@ class Advice:
     scale: QocScale
     seeds: dict[str, int]
     simulations: int
+    unread: tuple[str, ...] = ()  # values of a design that the controller does not read
 
 
 def advise(
@@ -90,6 +92,8 @@ def advise(
     effort: Effort | None = None,
     scale: QocScale | None = None,
     asked: Asked | None = None,
+    controller: Controller | None = None,
+    told: Callable[[int], None] | None = None,
 ) -> Advice:
     """Recommends deadline and gains for a network, and says what they gain over the current ones.
 
@@ -107,6 +111,8 @@ def advise(
         effort: How much to simulate for the recommendation.
         scale: J_med and J_max; by default J_med of the current gains over the deadlines tried.
         asked: Which margins to work out.
+        controller: What computes the commands, by default the surrogate law.
+        told: Called with the number of runs, each time some are done.
 
     Raises:
         ValueError: An argument is out of range, hardly a loop completes by the longest deadline, or no design keeps
@@ -115,6 +121,7 @@ def advise(
     plan = plan_of(
         scenario, network, current, bounds, rules=rules or Rules(), key=key, longest=longest_deadline,
         limit=max_collision_share, how=how, taus=taus, effort=effort or Effort(), scale=scale, asked=asked or Asked(),
+        controller=controller, told=told,
     )  # fmt: skip
     return _judged(plan, found_by(plan))
 
@@ -126,8 +133,9 @@ def _judged(plan: Plan, found: Chosen) -> Advice:
     deadline, axis = float(np.asarray(best.deadline)), plan.axis(best)
     load = load_of(goal.scenario, float(np.asarray(best.tau)))
     judged, ties = judged_of(goal, found, current, fresh)
-    curve, margins = curves_of(goal, best, current, plan.deadlines, fresh, target, limit)
-    few = plan.seeds.choice[: max(asked.seeds, len(fresh) // 4)]
+    beside = plan.beside
+    curve, margins = curves_of(goal, best, current, plan.deadlines, beside, target, limit)
+    few = plan.seeds.choice[: max(asked.seeds, len(beside) // 4)]
     return Advice(
         network=network.describe(),
         character=characterise(network, load, deadline, goal.key),
@@ -144,16 +152,16 @@ def _judged(plan: Plan, found: Chosen) -> Advice:
         max_collision_share=limit,
         policy=policy_of(float(np.asarray(current.deadline)), margins[1]),
         judged=judged,
-        stress=stress_table(goal, best, {"current": current, "by_mean": found.by_mean}, fresh, target, limit),
+        stress=stress_table(goal, best, {"current": current, "by_mean": found.by_mean}, beside, target, limit),
         ties=ties,
-        actuation=otherwise(goal, best, axis, few, fresh),
-        assumptions=assumption_table(goal, best, fresh, limit),
+        actuation=otherwise(goal, best, axis, few, beside),
+        assumptions=assumption_table(goal, best, beside, limit),
         setup=_setup(goal, best),
         target=target,
         margin=margins[0],
         current_margin=margins[1],
         curve=curve,
-        growth=largest_growth(goal, best, fresh, target),
+        growth=largest_growth(goal, best, beside, target),
         elasticities=_elasticities(plan, best),
         sobol=sobol(goal, plan.box, plan.axis(current).tolist(), fresh[: asked.seeds], asked.points, abs(goal.key))
         if asked.points
@@ -163,6 +171,7 @@ def _judged(plan: Plan, found: Chosen) -> Advice:
         scale=goal.scale,
         seeds={name: len(getattr(plan.seeds, name)) for name in ("search", "choice", "fresh")},
         simulations=goal.simulations,
+        unread=(goal.controller or Apf()).unread,
     )
 
 
@@ -173,6 +182,7 @@ def _setup(goal: Objective, best: Design) -> dict[str, Any]:
         "robots": scenario.num_robots, "robot_radius": float(np.asarray(scenario.robot_radius)),
         "v_max": float(np.asarray(best.v_max)), "omega_max": float(np.asarray(best.omega_max)),
         "horizon": scenario.horizon, "actuation": rules.actuation, "hold": rules.hold,
+        "controller": type(goal.controller or Apf()).__name__,
     }  # fmt: skip
 
 
@@ -184,7 +194,7 @@ def _at_edge(plan: Plan, found: Chosen, axis: np.ndarray) -> str:
 
 def _elasticities(plan: Plan, best: Design) -> pd.DataFrame:
     names = [name for name in (*plan.box.bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
-    return elasticities(plan.objective, best, plan.seeds.fresh, names)
+    return elasticities(plan.objective, best, plan.beside, names)
 
 
 def _policies(network: Network, load: Load, best: Design, longest: float) -> tuple[tuple[str, float, float], ...]:

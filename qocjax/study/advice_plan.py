@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from qocjax import _checks
+from qocjax.controllers import Controller
 from qocjax.network import Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
@@ -52,7 +53,12 @@ class Plan:
     def axis(self, design: Design) -> np.ndarray:
         """Deadlines worth a try (s) at the sampling period of a design."""
         goal = self.objective
-        return candidate_deadlines(goal.network, load_of(goal.scenario, float(np.asarray(design.tau))), self.longest)
+        return _axis(goal.scenario, goal.network, design, self.longest, self.effort.deadlines)
+
+    @property
+    def beside(self) -> Sequence[int]:
+        """Fresh seeds of curves, changes, assumptions and slopes."""
+        return self.seeds.fresh[: self.effort.beside_seeds]
 
 
 def plan_of(
@@ -70,6 +76,8 @@ def plan_of(
     effort: Effort,
     scale: QocScale | None,
     asked: Asked,
+    controller: Controller | None = None,
+    told: Callable[[int], None] | None = None,
 ) -> Plan:
     """Checks what is given, shares out the seeds and fixes the scale; for the arguments see `advise`.
 
@@ -81,16 +89,26 @@ def plan_of(
     _checks.choice("advise.objective", how, OBJECTIVES)
     asked.target.check(scenario)
     box = Box(current, bounds)
-    axis = candidate_deadlines(network, load_of(scenario, float(np.asarray(current.tau))), longest)
+    axis = _axis(scenario, network, current, longest, effort.deadlines)
     periods = np.unique(np.append(_checks.bounded("taus", taus, above=0), float(np.asarray(current.tau))))
-    counts = [effort.rounds[-1], effort.fresh_seeds, effort.fresh_seeds]
+    counts = [effort.rounds[-1], effort.choice_seeds or effort.fresh_seeds, effort.fresh_seeds]
     seeds = Seeds(*seeds_apart(network, key, counts, scenario.horizon, periods))
-    deadlines = np.unique(np.concatenate([axis, np.geomspace(axis[0], longest, 12)]))
+    between = np.zeros(0) if effort.deadlines is not None else np.geomspace(axis[0], longest, 12)
+    deadlines = np.unique(np.concatenate([axis, between]))
     pilot = [0.0, *deadlines.tolist()]  # from a deadline at which hardly a robot moves: the worst that can happen
     few = seeds.search[: effort.rounds[0]]
-    scale = scale or pilot_scale(scenario, network, current, pilot, few, rules=rules, key=key)
-    objective = Objective(scenario, network, scale, rules, key, simulations=len(pilot) * len(few))
+    scale = scale or pilot_scale(scenario, network, current, pilot, few, rules=rules, key=key, controller=controller)
+    spent = len(pilot) * len(few)
+    objective = Objective(scenario, network, scale, rules, key, spent, controller, told)
     return Plan(objective, current, box, periods, deadlines, longest, limit, how, effort, asked, seeds)
+
+
+def _axis(scenario: Scenario, network: Network, design: Design, longest: float, most: int | None) -> np.ndarray:
+    """Deadlines worth a try (s), at most so many of them, spread evenly over their order."""
+    found = candidate_deadlines(network, load_of(scenario, float(np.asarray(design.tau))), longest)
+    if most is None or found.size <= most:
+        return found
+    return found[np.unique(np.round(np.linspace(0, found.size - 1, most)).astype(int))]
 
 
 def found_by(plan: Plan) -> Chosen:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from qocjax.batch import evaluate
+from qocjax.controllers import Controller
 from qocjax.network.computing import computations_at_once
 from qocjax.network.interface import Network, Reliability
 from qocjax.network.schedule import Rules
@@ -34,11 +35,17 @@ class Objective:
     rules: Rules = field(default_factory=Rules)
     key: int = 0
     simulations: int = 0  # runs spent so far
+    controller: Controller | None = None  # None for the surrogate law
+    told: Callable[[int], None] | None = None  # called with the runs of each call of `runs`, after it
 
     def runs(self, designs: Design, seeds: Sequence[int]) -> xr.Dataset:
         """All metrics over (design, seed), counted."""
-        runs = evaluate(self.scenario, designs, self.network, seeds, rules=self.rules, key=self.key)
-        self.simulations += runs.sizes["design"] * runs.sizes["seed"]
+        runs = evaluate(self.scenario, designs, self.network, seeds, rules=self.rules, key=self.key,
+                        controller=self.controller)  # fmt: skip
+        spent = runs.sizes["design"] * runs.sizes["seed"]
+        self.simulations += spent
+        if self.told is not None:
+            self.told(spent)
         return runs
 
     def reliability(self, deadline: ArrayLike, tau: ArrayLike) -> Reliability:
@@ -76,6 +83,7 @@ def pilot_scale(
     *,
     rules: Rules | None = None,
     key: int = 0,
+    controller: Controller | None = None,
 ) -> StudyScale:
     """J_med of the baseline over a deadline axis, and J_max: a scale fixed before any search begins.
 
@@ -89,9 +97,10 @@ def pilot_scale(
         seeds: Monte Carlo seeds.
         rules: Actuation and hold.
         key: Root of all random numbers.
+        controller: What computes the commands, by default the surrogate law.
     """
     designs = replace(baseline, deadline=np.asarray(deadlines, float))
-    runs = evaluate(scenario, designs, network, seeds, rules=rules, key=key)
+    runs = evaluate(scenario, designs, network, seeds, rules=rules, key=key, controller=controller)
     return scale_of_runs(
         runs["auc"].values, scenario, units=units_of(network, seeds, key, scenario.horizon, baseline.tau)
     )

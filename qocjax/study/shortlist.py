@@ -26,12 +26,18 @@ class Effort:
     points: int = 64
     rounds: tuple[int, ...] = (8, 32, 128)  # seeds of each, the first part of the next
     finalists: int = 32
-    fresh_seeds: int = 1024  # to choose among the finalists, and as many to judge: a share of 1 % takes so many
+    fresh_seeds: int = 1024  # to judge: a share of 1 % takes so many
+    choice_seeds: int | None = None  # to choose among the finalists; None for as many
+    beside_seeds: int | None = None  # of them, for curves, changes, assumptions and slopes; None for all
+    deadlines: int | None = None  # most on the axis; None for all that are worth a try
 
     def __post_init__(self) -> None:
         for name in ("points", "finalists"):
             _checks.count(name, getattr(self, name))
         _checks.count("fresh_seeds", self.fresh_seeds, least=2)
+        for name, least in (("choice_seeds", 2), ("beside_seeds", 2), ("deadlines", 3)):
+            if getattr(self, name) is not None:
+                _checks.count(name, getattr(self, name), least=least)
         if len(self.rounds) == 0 or min(self.rounds) < 2 or list(self.rounds) != sorted(set(self.rounds)):
             raise ValueError(f"rounds: got {list(self.rounds)}, expected ascending numbers of seeds, each at least 2")
 

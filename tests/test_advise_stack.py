@@ -1,0 +1,82 @@
+"""Advice with the navigation stack in the loop: what it searches, what it says, what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+
+from qocjax import Design, Scenario, paper_network
+from qocjax.advise import page, run
+from qocjax.config import conf_dir, load
+from qocjax.config.advise import AdviseConfig
+from qocjax.network.schedule import Rules
+from qocjax.quality import QocScale
+from qocjax.study.advice_plan import plan_of
+from qocjax.study.shortlist import Effort
+from qocjax.study.slack import Asked
+
+TINY = [
+    "controller.mppi.batch_size=40", "controller.mppi.time_steps=12", "controller.mppi.model_dt=0.1", "loop.tau=0.1",
+    "scenario.horizon=6", "advise.points=2", "advise.rounds=[2]", "advise.finalists=2", "advise.choice_seeds=2",
+    "advise.fresh_seeds=3", "advise.beside_seeds=2", "advise.deadlines=3", "figures=false",
+]  # fmt: skip
+
+
+@pytest.fixture
+def composer() -> Iterator[None]:
+    with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        yield
+
+
+def config(*options: str) -> AdviseConfig:
+    return load(AdviseConfig, compose("advise", ["controller=navigation", *options]))
+
+
+def test_it_searches_what_the_stack_reads(composer: None) -> None:
+    stack, law = config(), load(AdviseConfig, compose("advise"))
+    assert stack.bounds() == {"v_max": (pytest.approx(0.21), 0.7)} and set(law.bounds()) > {"kappa", "v_max"}
+    assert stack.loop.tau == 0.05 and config("loop.tau=0.1").loop.tau == 0.1
+    effort = stack.effort()
+    assert (effort.fresh_seeds, effort.deadlines) == (72, 8) and law.effort() == Effort()
+    assert stack.advise.max_collision_share == 0.05
+
+
+def test_deadlines_are_thinned_out_evenly() -> None:
+    def deadlines(most: int | None) -> np.ndarray:
+        plan = plan_of(
+            Scenario(), paper_network(), Design(), {"kappa": (1.0, 2.0)}, rules=Rules(), key=0, longest=0.8,
+            limit=0.01, how="mean", taus=(), effort=Effort(deadlines=most), scale=QocScale(3.0, 30.0), asked=Asked(),
+        )  # fmt: skip
+        return plan.axis(Design())
+
+    every, few = deadlines(None), deadlines(5)
+    assert few.size == 5 and every.size > 10 and set(few) < set(every)
+    assert (few[0], few[-1]) == (every[0], every[-1])
+
+
+def test_what_it_cannot_do_is_refused(composer: None) -> None:
+    with pytest.raises(ValueError, match=r"controller.predict: got true, expected false"):
+        run(config("controller.predict=true"))
+    with pytest.raises(ValueError, match=r"kappa: got several values, but the navigation stack does not read it"):
+        run(config("advise.bounds.kappa=[1,2]", *TINY))
+    with pytest.raises(ValueError, match=r"deadlines: got 2, expected"):
+        run(config("advise.deadlines=2"))
+
+
+@pytest.mark.slow
+def test_advice_with_the_stack(composer: None, tmp_path: Path) -> None:
+    """The page speaks of what the stack reads, and the files hold no gain of the surrogate law."""
+    advice = run(config(*TINY), tmp_path)
+    text = page(advice)
+    assert "with the navigation stack" in text and "kappa" not in text.split("IS 300 ms ACCEPTABLE")[0]
+    assert advice.seeds == {"search": 2, "choice": 2, "fresh": 3} and advice.simulations < 400
+    kept = yaml.safe_load((tmp_path / "advice.yaml").read_text())
+    assert set(kept["recommended"]) == {"v_max", "omega_max", "tau", "deadline"}
+    fragment = (tmp_path / "nav2_params.yaml").read_text()
+    assert "surrogate law" not in fragment and "vx_max" in fragment
+    assert np.isfinite(advice.judged["qoc"]).all()
