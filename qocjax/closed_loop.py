@@ -76,7 +76,7 @@ class _State:
 
     pose: Pose
     applied: Command  # the command in force, before any hold gain
-    speed: Command | None  # driven at t_p; None where commands are obeyed at once
+    speed: Command  # at which the robot drives at t_p; where it obeys at once, the last command
     error: tuple[Array, Array]  # disagreement delta at t_p
     tally: Tally
     memory: Any  # the controller's
@@ -126,8 +126,7 @@ def run_closed_loop(
     still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
     task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots)
     memory = plan.controller.begin(task, pose, keys)
-    speed = None if scenario.acceleration is None else still
-    state = _State(pose, still, speed, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
+    state = _State(pose, still, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
     tick = _Tick(scenario, task, mid_tick, plan)
     loop = Loop(tick.sample, tick.act, still)
     if plan.slots == 0:
@@ -154,7 +153,7 @@ class _Tick:
     def sample(self, state: _State, row: _Row) -> tuple[_State, Command, Any]:
         """Reads the poses at t_p and computes the new command."""
         tally = state.tally.at_instant(row.tick, state.pose, self.task.goal, self.task.design)
-        sight = Sight(row.tick, state.pose, row.network.age)
+        sight = Sight(row.tick, state.pose, row.network.age, state.speed)
         memory, command, view = self.plan.controller.command(self.task, state.memory, sight)
         return replace(state, tally=tally, memory=memory), command, view
 
@@ -177,28 +176,26 @@ class _Tick:
             moved = self._move(halfway, applied, applied.scaled(net.gain_mid), row.length - h, row.reference_end)
         if not self.plan.record:
             return moved, None
-        return moved, (state.pose, first, first if state.speed is None else state.speed)
+        return moved, (state.pose, first, first if self.scenario.acceleration is None else state.speed)
 
     def _move(
         self, state: _State, applied: Command, command: Command, h: Array, reference: tuple[Array, Array]
     ) -> _State:
         """Moves over a piece of constant command and takes it into the totals."""
-        if state.speed is not None:
-            return self._drive(replace(state, applied=applied), state.speed, command, h, reference)
+        if self.scenario.acceleration is not None:
+            return self._drive(replace(state, applied=applied), command, h, reference)
         pose = arc(state.pose, command, h, self.plan.math)
         error = (pose.x - reference[0], pose.y - reference[1])
         tally = state.tally.over_piece(self.scenario, (state.error, error), (state.pose, pose), command, h)
-        return replace(state, pose=pose, applied=applied, error=error, tally=tally)
+        return replace(state, pose=pose, applied=applied, speed=command, error=error, tally=tally)
 
-    def _drive(
-        self, state: _State, speed: Command, command: Command, h: Array, reference: tuple[Array, Array]
-    ) -> _State:
+    def _drive(self, state: _State, command: Command, h: Array, reference: tuple[Array, Array]) -> _State:
         """The same where speeds take time to follow the command."""
         limits = self.scenario.acceleration
-        assert limits is not None  # where speeds are kept; for the type checker
+        assert limits is not None  # for the type checker
         start = (state.pose.x - state.error[0], state.pose.y - state.error[1])
         left, per_second = h, 1.0 / jnp.where(h > 0, h, 1.0)
-        for part in parts(speed, command, h, limits):
+        for part in parts(state.speed, command, h, limits):
             left = left - part.duration
             share = left * per_second  # over a piece the reference counts as straight
             path = [last - share * (last - first) for first, last in zip(start, reference, strict=True)]

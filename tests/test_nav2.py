@@ -152,6 +152,14 @@ def test_the_smoothers_accelerations_are_the_robots(accel: str, decel: str, expe
     assert tuple(found.get(f"robot.{name}") for name in ("ax_max", "ax_min", "az_max")) == expected
 
 
+def test_accelerations_are_read_whatever_their_signs() -> None:
+    signs = FILE.replace(
+        "      time_steps: 40\n", "      time_steps: 40\n      ax_max: -2.0\n      ax_min: 2.5\n      az_max: 3.2\n"
+    )
+    options = stack_options(read_params_of(signs))
+    assert [options[f"controller.mppi.{name}"] for name in ("ax_max", "ax_min", "az_max")] == [2.0, -2.5, 3.2]
+
+
 def read_params_of(text: str):
     from qocjax.nav2.read import params_of
 

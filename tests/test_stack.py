@@ -115,6 +115,34 @@ def test_without_prediction_rollouts_start_where_the_robot_was_sampled() -> None
     np.testing.assert_array_equal(run.view.begin, np.asarray(run.pose)[:-1])
 
 
+@pytest.mark.parametrize("deadline", [0.0, 0.2, 0.23])
+def test_rollouts_start_at_the_speed_that_the_robot_drives(deadline: float) -> None:
+    run = simulate(SHORT, design(deadline), times(), controller=STACK)
+    for seen, told in ((run.view.speed.nu, 0), (run.view.speed.omega, 1)):
+        assert np.all(np.asarray(seen)[0] == 0.0)
+        driven = np.asarray(run.command)[..., told]
+        if deadline == 0.23:  # commands change 30 ms after an instant: what is in force at it already was before
+            driven = np.append(driven[1:], driven[-1:], axis=0)
+        np.testing.assert_array_equal(np.asarray(seen)[1:-1], driven[:-2])
+
+
+def test_a_robot_that_holds_nothing_stands_when_it_is_sampled() -> None:
+    lost = np.zeros((20, 2))
+    lost[8:] = np.inf
+    run = simulate(SHORT, design(0.0), lost, hold="zero", controller=STACK)
+    assert np.all(np.asarray(run.view.speed.nu)[8] != 0.0) and np.all(np.asarray(run.view.speed.nu)[9:] == 0.0)
+
+
+@pytest.mark.parametrize("deadline", [0.2, 0.23])
+def test_predicted_rollouts_start_at_the_speed_of_the_command_before(deadline: float) -> None:
+    run = simulate(SHORT, design(deadline), times(), controller=replace(STACK, predict=True))
+    later = 3 if deadline == 0.2 else 4  # sampling instants until the last command is in force at one
+    for seen, told in ((run.view.speed.nu, 0), (run.view.speed.omega, 1)):
+        np.testing.assert_allclose(
+            np.asarray(seen)[1 : 20 - later], np.asarray(run.command)[1 + later :, :, told], atol=1e-12
+        )
+
+
 def test_other_robots_are_seen_where_they_were_an_age_ago() -> None:
     run = simulate(SHORT, design(0.2), times(), controller=STACK)
     pose, age = np.asarray(run.pose), np.asarray(run.age)
@@ -243,7 +271,7 @@ WALL = map_of_shapes(FLOOR.grid, [Disc((2.0, 0.0), 0.3)])
         (lambda: replace(STACK, planner_period=0.0), "planner_period: got 0.0, expected > 0"),
         (lambda: replace(STACK, max_widening=-0.1), "max_widening: got -0.1, expected >= 0"),
         (lambda: MppiConfig(batch_size=0), "batch_size: got 0, expected at least 1"),
-        (lambda: MppiConfig(time_steps=0), "time_steps: got 0, expected at least 1"),
+        (lambda: MppiConfig(time_steps=1), "time_steps: got 1, expected at least 2"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_anything_runs(make: object, text: str) -> None:

@@ -83,6 +83,9 @@ class MppiPart(Part):
     model_dt: float
     iteration_count: int
     vx_min: float
+    ax_max: float | None
+    ax_min: float | None
+    az_max: float | None
     vx_std: float
     wz_std: float
     temperature: float

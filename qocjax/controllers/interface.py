@@ -32,6 +32,7 @@ class Sight(NamedTuple):
     tick: Array  # p
     pose: Pose  # sampled, each field [N, *B]
     age: Array  # of information, broadcastable to [N, *B] (s)
+    speed: Command  # at which the robots drive as t_p is reached, each field [N, *B]
 
 
 class Controller(Protocol):

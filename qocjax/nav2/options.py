@@ -10,6 +10,7 @@ from qocjax.nav2.read import NavParams, Plugin
 __all__ = ["stack_options", "to_options"]
 
 _MPPI = ("batch_size", "time_steps", "model_dt", "vx_min", "temperature", "gamma")
+_ACCELERATIONS = {"ax_max": 1.0, "ax_min": -1.0, "az_max": 1.0}
 
 
 def to_options(params: NavParams) -> dict[str, float]:
@@ -34,9 +35,12 @@ def stack_options(params: NavParams) -> dict[str, float]:
     mppi = [each for each in params.controllers[:1] if each.kind == MPPI]
     return {
         **{f"controller.mppi.{name}": value for each in mppi for name, value in _numbers(each, _MPPI).items()},
+        # As Nav2 does, whatever their signs.
+        **{f"controller.mppi.{name}": sign * abs(value) for each in mppi for name, sign in _ACCELERATIONS.items()
+           for value in _numbers(each, (name,)).values()},
         **_prefixed("controller.inflation.", params.inflation, ("inflation_radius", "cost_scaling_factor")),
         **_prefixed("controller.", params.goal, ("xy_goal_tolerance",)),
-    }
+    }  # fmt: skip
 
 
 def _prefixed(prefix: str, plugin: Plugin | None, names: tuple[str, ...]) -> Mapping[str, float]:

@@ -59,8 +59,8 @@ class Point(NamedTuple):
     x: Array  # [K] m
     y: Array  # [K] m
     heading: Array  # [K] rad
-    distance: Array  # [K] travelled since the rollout began (m)
-    vx: Array  # [K] sampled speed of the step, before the cap (m/s)
+    distance: Array  # [K] travelled from the first point on (m), where a critic asks for it, along chords
+    vx: Array  # [K] speed of the step (m/s)
 
 
 class Ends(NamedTuple):
@@ -68,7 +68,7 @@ class Ends(NamedTuple):
 
     x: Array  # [K] m
     y: Array  # [K] m
-    furthest: Array  # [] largest index of a path point that is the nearest one to an end
+    furthest: Array  # [] largest index of a path point that is reached (`furthest_reached`)
     steps: int  # H
 
 
@@ -77,6 +77,8 @@ class Critic(Protocol):
 
     Attributes:
         stride: Which points are scored: those whose index, from 0, is a multiple of it.
+        chords: Optional. True where `Point.distance` is to be the length of the chords between the points that are
+            scored; the first point then begins them and is not scored.
     """
 
     @property
@@ -95,7 +97,7 @@ class Critic(Protocol):
 
 @dataclass(frozen=True)
 class ConstraintCritic:
-    """Sampled speeds beyond the caps: weight Σ excess dt (constraint_critic.cpp, DiffDrive)."""
+    """Speeds beyond the caps: weight Σ excess dt (constraint_critic.cpp, DiffDrive)."""
 
     cost_weight: float = 4.0
     cost_power: int = 1

@@ -29,6 +29,7 @@ class Robot(NamedTuple):
     path: Array  # [L, 2] the last global path (m)
     has_path: Array  # [] whether one was ever found
     begin: Array  # [3] where rollouts and paths begin: the pose sampled, or predicted (m, m, rad)
+    speed: Command  # at which the robot drives there, each field []
     obstacles: Obstacles  # [M] the other robots
     goal: Array  # [2] m
     limits: Limits
@@ -44,6 +45,7 @@ class View(NamedTuple):
     found: Array  # [] whether a plan of this cycle found one
     blocked: Array  # [] whether every rollout collided
     begin: Array  # [3] where the rollouts begin (m, m, rad)
+    speed: Command  # at which the robot drives there, each field []
     obstacles: Obstacles  # [M]
     goal: Array  # [2] m
     limits: Limits
@@ -64,7 +66,9 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     cost = _layers(stack, robot.obstacles, dtype).total().astype(dtype)
     path, found = _path(stack, robot, cost, planning)
     has_path = robot.has_path | (planning & found)
-    command, state, rollouts = _step(stack, robot.words, robot.state, begin, cost, path, robot.goal, robot.limits)
+    command, state, rollouts = _step(
+        stack, robot.words, robot.state, begin, robot.speed, cost, path, robot.goal, robot.limits
+    )
     fastest = jnp.asarray(robot.limits.vx_max)
     back = jnp.clip(_back_up(stack, begin, cost), -fastest, fastest)
     command = Command(jnp.where(rollouts.blocked, back, command.nu), jnp.where(rollouts.blocked, 0.0, command.omega))
@@ -74,8 +78,8 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     state = jax.tree.map(lambda new, none: jnp.where(going, new, none), state, still)
     command = Command(jnp.where(going, command.nu, 0.0), jnp.where(going, command.omega, 0.0))
     view = View(
-        robot.words, robot.state, path, has_path, found, going & rollouts.blocked, begin, robot.obstacles, robot.goal,
-        robot.limits,
+        robot.words, robot.state, path, has_path, found, going & rollouts.blocked, begin, robot.speed,
+        robot.obstacles, robot.goal, robot.limits,
     )  # fmt: skip
     return command, state, view
 
@@ -86,7 +90,7 @@ def look(stack: NavigationStack, view: View) -> tuple[Layers, Rollouts]:
     layers = _layers(stack, view.obstacles, dtype)
     cost = layers.total().astype(dtype)
     _, _, rollouts = _step(
-        stack, view.words, view.state, view.begin, cost, view.path, view.goal, view.limits, record=True
+        stack, view.words, view.state, view.begin, view.speed, cost, view.path, view.goal, view.limits, record=True
     )
     return layers, rollouts
 
@@ -120,6 +124,7 @@ def _step(
     words: Array,
     state: State,
     begin: Array,
+    speed: Command,
     cost: Array,
     path: Array,
     goal: Array,
@@ -130,4 +135,4 @@ def _step(
     costs = MapCosts(cost, grid.resolution, grid.origin)
     place = jnp.append(goal, jnp.zeros_like(goal[:1]))
     key = jax.random.wrap_key_data(words)
-    return step(stack.mppi, state, begin, costs, path, place, key, record, limits)
+    return step(stack.mppi, state, begin, costs, path, place, key, record, limits, speed)

@@ -40,7 +40,7 @@ def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> 
     pose, shape = sight.pose, sight.pose.x.shape
     spread = lambda value: jnp.broadcast_to(jnp.asarray(value, pose.x.dtype), shape)  # noqa: E731
     sampled = jnp.stack([pose.x, pose.y, pose.heading])
-    begin = _predicted(task, memory, sight.tick, sampled) if stack.predict else sampled
+    begin, speed = _predicted(task, memory, sight) if stack.predict else (sampled, sight.speed)
     design = task.design
     keys = jax.vmap(lambda words: jax.random.fold_in(jax.random.wrap_key_data(words), sight.tick))
     words = jax.random.key_data(keys(memory.keys.reshape(-1, memory.keys.shape[-1]))).reshape(memory.keys.shape)
@@ -50,6 +50,7 @@ def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> 
         memory.path,
         memory.has_path,
         jnp.moveaxis(begin, 0, -1),
+        Command(spread(speed.nu), spread(speed.omega)),
         _obstacles(stack, task, memory, sight, begin),
         jnp.stack([spread(each) for each in task.goal], axis=-1),
         Limits(spread(design.v_max), spread(design.omega_max), spread(design.tau)),
@@ -80,13 +81,20 @@ def _obstacles(stack: NavigationStack, task: Task, memory: Memory, sight: Sight,
     return Obstacles(x, y, jnp.ones_like(x), moved, jnp.full_like(x, radius))
 
 
-def _predicted(task: Task, memory: Memory, tick: Array, sampled: Array) -> Array:
-    """Poses [3, N, *B] when the commands of this instant take effect, if no loop is missed until then."""
-    under_way = lax.dynamic_slice_in_dim(memory.sent, tick, task.slots)
+def _predicted(task: Task, memory: Memory, sight: Sight) -> tuple[Array, Command]:
+    """Poses [3, N, *B] and speeds when the commands of this instant take effect, if no loop is missed until then."""
+    sampled = jnp.stack([sight.pose.x, sight.pose.y, sight.pose.heading])
+    under_way = lax.dynamic_slice_in_dim(memory.sent, sight.tick, task.slots)
     ago = task.slots - jnp.arange(task.slots)  # sampling periods
     # Each is in force for one period; between sampling instants, the oldest one for what is left of it.
     durations = jnp.where(ago <= task.lag, task.design.tau, jnp.where(ago == task.lag + 1, task.rest, 0.0))
-    return predict(sampled, Command(under_way[..., 0], under_way[..., 1]), durations.astype(sampled.dtype))
+    commands = Command(under_way[..., 0], under_way[..., 1])
+    begin = predict(sampled, commands, durations.astype(sampled.dtype))
+    if task.slots == 0:
+        return begin, sight.speed
+    # The command computed last is in force then, unless this one takes effect at once.
+    last, at_once = jax.tree.map(lambda each: each[-1], commands), task.lag + task.rest <= 0
+    return begin, jax.tree.map(lambda sent, now: jnp.where(at_once, now, sent), last, sight.speed)
 
 
 def _at(rows: Array, index: Array) -> Array:

@@ -1,9 +1,10 @@
 """Model predictive path integral control of a unicycle (model, section 9).
 
 Williams, Drews, Goldfain, Rehg and Theodorou, "Information-theoretic model predictive control: theory and applications
-to autonomous driving", IEEE T-RO 34(6), 2018; in the form of Nav2's `nav2_mppi_controller` (optimizer.cpp): K sequences
-of commands are drawn about that of the cycle before, rolled out for H steps, scored by critics, and averaged with
-weights exp(-cost / temperature).
+to autonomous driving", IEEE T-RO 34(6), 2018; in the form of Nav2's `nav2_mppi_controller` (optimizer.cpp of its
+branches lyrical and main): K sequences of commands are drawn about that of the cycle before, rolled out for H steps,
+scored by critics, and averaged with weights exp(-cost / temperature). The first command of a sequence is that of now,
+the one that is sent comes a cycle later.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from jax.typing import ArrayLike
 
 from qocjax._math import angle_math
 from qocjax.navigation.critics import COLLISION, Ends, Scene
+from qocjax.navigation.feasible import driven, feasible, speed_now
 from qocjax.navigation.local_path import MapCosts, local_path
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.noise import normal_pairs
@@ -34,10 +36,10 @@ __all__ = ["Limits", "Rollouts", "State", "initial_state", "predict", "step", "s
 class State:
     """What one cycle hands to the next."""
 
-    vx: Array  # [H] sequence to draw about (m/s)
+    vx: Array  # [H] sequence to draw about, which begins with the command sent last (m/s)
     wz: Array  # [H] rad/s
-    sent_vx: Array  # [4] commands sent last, the latest one last, for the filter (m/s)
-    sent_wz: Array  # [4] rad/s
+    past_vx: Array  # [4] what the filter made of the commands sent last, the latest one last (m/s)
+    past_wz: Array  # [4] rad/s
 
 
 class Rollouts(NamedTuple):
@@ -101,6 +103,7 @@ def step(
     key: Array,
     record: bool = False,
     limits: Limits | None = None,
+    speed: Command | None = None,
 ) -> tuple[Command, State, Rollouts]:
     """One cycle of the controller, for one robot; `jax.vmap` takes it over robots and simulations.
 
@@ -114,6 +117,7 @@ def step(
         key: Random key.
         record: Whether the points of the rollouts are returned.
         limits: Caps and period in place of the configuration's.
+        speed: Of the robot, each field []: where the rollouts begin. None to take it to be that sent last.
 
     Returns:
         The command (each field []), the next state, and what was looked at.
@@ -124,18 +128,20 @@ def step(
     _check_shapes(config, state, pose, path, goal)
     limits = limits or Limits.of(config)
     scene = _scene(config, limits, pose, costmap, path, goal)
-    vx, wz = state.vx, state.wz
+    now = speed_now(config, Command(state.vx[0], state.wz[0]), speed, limits.period)
+    vx, wz = state.vx.at[0].set(now.nu), state.wz.at[0].set(now.omega)
     for iteration in range(config.iteration_count):
         noise = normal_pairs(jax.random.fold_in(key, iteration), config.time_steps, config.batch_size, pose.dtype)
-        vx, wz, rollouts = _iterate(config, scene, pose, vx, wz, noise, record)
-        vx = jnp.clip(smoothed(vx, state.sent_vx, config.sgf_order), scene.vx_min, scene.vx_max)
-        wz = jnp.clip(smoothed(wz, state.sent_wz, config.sgf_order), -scene.wz_max, scene.wz_max)
-    if config.stop_if_blocked:
-        vx, wz = (jnp.where(rollouts.blocked, 0.0, each) for each in (vx, wz))
-    command = Command(vx[0], wz[0])
+        vx, wz, rollouts = _iterate(config, scene, pose, Command(vx, wz), noise, record)
+        smooth_vx = smoothed(vx, state.past_vx, config.sgf_order)
+        smooth_wz = smoothed(wz, state.past_wz, config.sgf_order)
+        vx, wz = feasible(config, now, smooth_vx, smooth_wz, (scene.vx_min, scene.vx_max, scene.wz_max))
     ahead = limits.period / config.model_dt
-    sent = (jnp.append(old[1:], new) for old, new in ((state.sent_vx, vx[0]), (state.sent_wz, wz[0])))
-    return command, State(shifted(vx, ahead), shifted(wz, ahead), *sent), rollouts
+    after = [shifted(each, ahead) for each in (vx, wz, smooth_vx, smooth_wz)]
+    if config.stop_if_blocked:
+        after = [jnp.where(rollouts.blocked, 0.0, each) for each in after]
+    past = (jnp.append(old[1:], new[0]) for old, new in zip((state.past_vx, state.past_wz), after[2:], strict=True))
+    return Command(after[0][0], after[1][0]), State(*after[:2], *past), rollouts
 
 
 def step_each(
@@ -175,23 +181,27 @@ def _scene(config: MppiConfig, limits: Limits, pose: Array, costmap: MapCosts, p
 
 
 def _iterate(
-    config: MppiConfig, scene: Scene, pose: Array, vx: Array, wz: Array, noise: tuple[Array, Array], record: bool
+    config: MppiConfig, scene: Scene, pose: Array, mean: Command, noise: tuple[Array, Array], record: bool
 ) -> tuple[Array, Array, Rollouts]:
     """Draws, rolls out, scores and averages once."""
-    sample_vx, sample_wz = vx[:, None] + config.vx_std * noise[0], wz[:, None] + config.wz_std * noise[1]
+    vx, wz, now = mean.nu, mean.omega, Command(mean.nu[0], mean.omega[0])
+    samples = Command(vx[:, None] + config.vx_std * noise[0], wz[:, None] + config.wz_std * noise[1])
     if config.clamp_raw_controls:
-        sample_vx = jnp.clip(sample_vx, scene.vx_min, scene.vx_max)
-        sample_wz = jnp.clip(sample_wz, -scene.wz_max, scene.wz_max)
-    sample_vx, sample_wz = lax.optimization_barrier((sample_vx, sample_wz))  # drawn once, however often it is read
-    last, totals, points = roll_out(config, scene, pose, sample_vx, sample_wz, record)
-    ends = Ends(last.x, last.y, furthest_reached(scene.path, last.x, last.y), config.time_steps)
+        reached = driven(config, now, samples)
+        # The last sample is never driven.
+        samples = jax.tree.map(lambda made, drawn: jnp.concatenate([made[:-1], drawn[-1:]]), reached, samples)
+    sample_vx, sample_wz = lax.optimization_barrier((samples.nu, samples.omega))  # drawn once, however often it is read
+    rolled = roll_out(config, scene, pose, now, sample_vx, sample_wz, record)
+    end, totals = rolled.pose, rolled.totals
+    furthest = furthest_reached(scene.path, scene.path_spacing, end.x, end.y, rolled.distance)
+    ends = Ends(end.x, end.y, furthest, config.time_steps)
     cost = _control_cost(config, vx, wz, sample_vx, sample_wz)
     for critic, total in zip(config.critics, totals, strict=True):
         cost = cost + critic.cost(total, ends, scene)
     hits = [critic.collides(t) for critic, t in zip(config.critics, totals, strict=True) if hasattr(critic, "collides")]
     blocked = jnp.all(jnp.stack(hits).any(axis=0)) if hits else jnp.array(False)
     weight = weights_of(cost, config.temperature)
-    x, y = points if points is not None else (None, None)
+    x, y = rolled.points if rolled.points is not None else (None, None)
     return sample_vx @ weight, sample_wz @ weight, Rollouts(cost, weight, blocked, x, y)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 
 from qocjax._checks import bounded, choice, count
@@ -32,8 +33,8 @@ _DEFAULT_CRITICS: tuple[Critic, ...] = (
 class MppiConfig:
     """Parameters with Nav2's names and defaults (docs.nav2.org, Model Predictive Path Integral Controller).
 
-    Frozen and hashable: a program is compiled for it. Nav2's limits on acceleration are left out, as the robot of the
-    model has none. Nav2's `regenerate_noises` is the caller's choice: a new key each cycle, or the same one.
+    Frozen and hashable: a program is compiled for it. Nav2's `regenerate_noises` is the caller's choice: a new key each
+    cycle, or the same one.
 
     Attributes:
         batch_size: K, rollouts of an iteration.
@@ -43,12 +44,17 @@ class MppiConfig:
         vx_max: Largest speed (m/s).
         vx_min: Smallest speed, negative to drive backwards (m/s).
         wz_max: Largest rate of turn, either way (rad/s).
+        ax_max: Most acceleration, ahead or backwards (m/s²); None for no limit.
+        ax_min: Most braking, negative (m/s²); None for no limit.
+        az_max: Most change of the rate of turn, either way (rad/s²); None for no limit.
         vx_std: Standard deviation of the sampled speed (m/s); 0 to sample none.
         wz_std: Standard deviation of the sampled rate of turn (rad/s); 0 to sample none.
         temperature: Of the weights exp(-cost / temperature).
         gamma: Weight of the control cost, γ/σ² Σ u·ε.
-        clamp_raw_controls: Whether samples are capped before they are weighted. The motion always is capped.
+        clamp_raw_controls: Whether what is averaged is what the rollouts drove within the limits on acceleration, as
+            in Nav2's Jazzy and Kilted, and not the samples as drawn.
         sgf_order: Polynomial order of the Savitzky-Golay filter over 9 commands that smooths the sequence; 0 for none.
+            As in Nav2, a sequence of 20 commands or fewer is not smoothed.
         controller_frequency: Cycles per second, which says how far the sequence is shifted (1/s).
         prune_distance: How far along the path the controller sees (m).
         path_spacing: Between the points at which the path is read (m); Nav2 takes the planner's own points.
@@ -64,6 +70,9 @@ class MppiConfig:
     vx_max: float = 0.5
     vx_min: float = -0.35
     wz_max: float = 1.9
+    ax_max: float | None = 3.0
+    ax_min: float | None = -3.0
+    az_max: float | None = 3.5
     vx_std: float = 0.2
     wz_std: float = 0.4
     temperature: float = 0.3
@@ -84,12 +93,18 @@ class MppiConfig:
             ValueError: A value is out of range; the message names the parameter.
         """
         for name in ("batch_size", "time_steps", "iteration_count"):
-            count(name, getattr(self, name))
+            count(name, getattr(self, name), 2 if name == "time_steps" else 1)
         for name in ("model_dt", "temperature", "controller_frequency", "prune_distance", "path_spacing"):
             bounded(name, getattr(self, name), above=0.0, shape=())
         for name in ("vx_max", "wz_max", "vx_std", "wz_std", "gamma"):
             bounded(name, getattr(self, name), least=0.0, shape=())
         bounded("vx_min", self.vx_min, most=self.vx_max, shape=())
+        for name, endless in (("ax_max", math.inf), ("ax_min", -math.inf), ("az_max", math.inf)):
+            value = getattr(self, name)
+            if value is None or value == endless:
+                object.__setattr__(self, name, None)
+            else:
+                bounded(name, value, above=None if endless < 0 else 0.0, most=0.0 if endless < 0 else None, shape=())
         choice("sgf_order", str(self.sgf_order), ("0", "1", "2"))
         if self.path_spacing > self.prune_distance:
             raise ValueError(

@@ -12,7 +12,10 @@ from jax import Array, lax
 
 from qocjax._math import POLYNOMIALS
 
-__all__ = ["normal_pairs"]
+__all__ = ["LARGEST", "normal_pairs"]
+
+# Magnitude that no number passes: the radius of the smallest uniform number, 2^-24.
+LARGEST = 5.8
 
 # Threefry-2x32 (Salmon et al., 2011): the rotations of its rounds, in turn, and the constant of its key schedule.
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
@@ -27,7 +30,7 @@ def normal_pairs(key: Array, steps: int, samples: int, dtype: jnp.dtype) -> tupl
     """Two independent arrays of independent standard normal numbers.
 
     By the transform of Box and Muller, which turns one random radius and one random angle into two numbers. The
-    largest magnitude is 5.8.
+    largest magnitude is LARGEST.
 
     Args:
         key: Random key.

@@ -21,8 +21,8 @@ class PathAlignCritic:
     reaches `offset_from_furthest` points along it, and where more than two points, and more than a share of
     `max_path_occupancy_ratio`, of those up to the furthest one reached are on obstacles.
 
-    How far along a point is, is the length of its arcs; Nav2 sums the chords between the points scored, from the first
-    of them on, which it does not score.
+    How far along a point is, is the length of the chords between the points scored, from the first of them on. Points
+    that would lie beyond the furthest path point reached are compared with their own path point; Nav2 takes that one.
     """
 
     cost_weight: float = 10.0
@@ -31,6 +31,7 @@ class PathAlignCritic:
     offset_from_furthest: int = 20
     trajectory_point_step: int = 4
     max_path_occupancy_ratio: float = 0.07
+    chords = True
 
     @property
     def stride(self) -> int:
@@ -86,16 +87,22 @@ class PathFollowCritic:
         return jnp.where(path.remaining >= self.threshold_to_consider, cost, jnp.zeros_like(cost))
 
 
-def furthest_reached(path: LocalPath, x: Array, y: Array) -> Array:
+def furthest_reached(path: LocalPath, spacing: float, x: Array, y: Array, distance: Array) -> Array:
     """Largest index of a path point that is the nearest one to any rollout's end (utils.hpp).
+
+    A rollout is compared with the points up to the first one that lies as far along the path as it has travelled: so a
+    point behind a corner is not reached through the air.
 
     Args:
         path: M points.
+        spacing: Between them (m).
         x: [K] of the ends (m).
         y: [K] of the ends (m).
+        distance: [K] travelled from the first points of the rollouts on (m).
     """
     squared = (x[None] - path.x[:, None]) ** 2 + (y[None] - path.y[:, None]) ** 2
     index = jnp.arange(len(path.x))[:, None]
+    squared = jnp.where(index <= jnp.ceil(distance[None] * (1.0 / spacing)), squared, jnp.inf)
     nearest = jnp.min(jnp.where(squared <= jnp.min(squared, axis=0, keepdims=True), index, len(path.x)), axis=0)
     return jnp.max(nearest)
 

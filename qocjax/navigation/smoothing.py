@@ -12,27 +12,30 @@ __all__ = ["HISTORY", "shifted", "smoothed"]
 # Commands on either side of the one that the filter replaces (Nav2's window of 9).
 HISTORY = 4
 
+_SHORT = 20  # commands, which Nav2 leaves as they are
 _ROUNDING = 1e-6  # of a step
 
 
-def smoothed(sequence: Array, sent: Array, order: int) -> Array:
+def smoothed(sequence: Array, past: Array, order: int) -> Array:
     """Savitzky-Golay filter over 9 commands (nav2_mppi_controller, `savitskyGolayFilter` in utils.hpp).
 
     Each command becomes the value, at its own place, of the least-squares polynomial through it and the four on either
-    side: before the first, those sent last; after the last, the last one again.
+    side: before the first, those of the cycles before; after the last, the last one again. The last one stays, and a
+    sequence of 20 commands or fewer.
 
     Args:
         sequence: [H].
-        sent: [4] the latest one last.
+        past: [4] the latest one last.
         order: Of the polynomial; 0 for no filter.
     """
-    if order == 0:
+    if order == 0 or len(sequence) <= _SHORT:
         return sequence
     offsets = np.arange(-HISTORY, HISTORY + 1)
     kernel = np.linalg.pinv(np.vander(offsets, order + 1, increasing=True))[0]  # value of the fit at offset 0
-    padded = jnp.concatenate([sent, sequence, jnp.broadcast_to(sequence[-1:], (HISTORY,))])
+    padded = jnp.concatenate([past, sequence, jnp.broadcast_to(sequence[-1:], (HISTORY,))])
     # A sum of slices, since convolutions are slow to start.
-    return sum(float(kernel[i]) * padded[i : i + len(sequence)] for i in range(len(kernel)))  # type: ignore[return-value]
+    smooth: Array = sum(float(kernel[i]) * padded[i : i + len(sequence)] for i in range(len(kernel)))  # type: ignore
+    return smooth.at[-1].set(sequence[-1])
 
 
 def shifted(sequence: Array, steps: ArrayLike) -> Array:

@@ -49,11 +49,10 @@ from qocjax.unicycle import Command, Pose
 
 __all__ = ["STACK_MPPI", "NavigationStack", "open_floor"]
 
-# Nav2's controller for goals that are places without a heading. For the model's cap of 0.7 m/s, not Nav2's 0.5, speeds
-# are sampled wider, the path seen further (more than v_max times the horizon) and followed harder; with Nav2's values
-# a robot drives at about two thirds of the cap.
+# Nav2's controller for goals that are places without a heading. For the model's cap of 0.7 m/s, not Nav2's 0.5, the
+# path is seen further (more than v_max times the horizon) and followed harder; with Nav2's values a robot drives at
+# about two thirds of the cap.
 STACK_MPPI = MppiConfig(
-    vx_std=0.3,
     prune_distance=2.5,
     critics=(
         ConstraintCritic(),
