@@ -325,11 +325,12 @@ def test_obstacles_critic() -> None:
 
 
 def slow_path(path: np.ndarray, pose: Array, spacing: float, count: int) -> tuple[np.ndarray, float]:
-    """Points along a path from its point nearest to the robot, both found by walking it in steps of 10 µm."""
+    """Points along a path from the one of them nearest to the robot on, found by walking it in steps of 10 µm."""
     lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
     walk = np.arange(0.0, lengths[-1], 1e-5)
     x, y = np.interp(walk, lengths, path[:, 0]), np.interp(walk, lengths, path[:, 1])
     begin = walk[np.argmin((x - float(pose[0])) ** 2 + (y - float(pose[1])) ** 2)]
+    begin = min(round(begin / spacing) * spacing, lengths[-1])
     at = np.minimum(begin + spacing * np.arange(count), lengths[-1])
     return np.stack([np.interp(at, lengths, path[:, i]) for i in (0, 1)], axis=1), lengths[-1] - begin
 

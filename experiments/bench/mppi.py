@@ -86,7 +86,7 @@ class Entries:
     def numpy_cycle(self, noise: np.ndarray | None = None) -> np.ndarray:
         """One cycle in NumPy, from rest; returns the costs."""
         c = self.config
-        self.numpy.sequence[:], self.numpy.sent[:] = 0.0, 0.0
+        self.numpy.sequence[:], self.numpy.past[:] = 0.0, 0.0
         if noise is None:
             noise = self.rng.standard_normal((2, c.time_steps, c.batch_size), np.float32)
         self.numpy.step(self.pose.astype(np.float32), self.path, self.goal.astype(np.float32), noise)

@@ -14,6 +14,8 @@ from qocjax.navigation.maps import UNKNOWN
 
 __all__ = ["LocalPath", "MapCosts", "local_path"]
 
+_ROUNDING = 1e-3  # of the distance between points
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class MapCosts:
 
 
 class LocalPath(NamedTuple):
-    """The path from the point nearest to the robot onwards, M points at equal distances; beyond its end, the end."""
+    """The path from about the point nearest to the robot onwards, M points at equal distances; beyond its end, the end."""
 
     x: Array  # [M] m
     y: Array  # [M] m
@@ -45,10 +47,10 @@ class LocalPath(NamedTuple):
 
 
 def local_path(path: Array, x: Array, y: Array, prune_distance: float, spacing: float) -> LocalPath:
-    """Cuts a path at its point nearest to the robot and reads it at equal distances, as far as `prune_distance`.
+    """Reads a path at equal distances from its start, from the place nearest to the robot on, up to `prune_distance`.
 
     Nav2's path handler prunes likewise, but keeps the planner's own points; equal distances make "the path point after
-    s metres" an index s / spacing.
+    s metres" an index s / spacing. As Nav2's, they stay where they are while the robot moves.
 
     Args:
         path: [P, 2] corners of the path (m), P >= 2; to fill up a shorter one, its last point is repeated.
@@ -67,6 +69,7 @@ def local_path(path: Array, x: Array, y: Array, prune_distance: float, spacing: 
     nearest = jnp.argmin(gap_x * gap_x + gap_y * gap_y)
     reached = jnp.cumsum(length)
     travelled = reached[nearest] - (1.0 - share[nearest]) * length[nearest]
+    travelled = jnp.minimum(jnp.round(travelled / spacing) * spacing, reached[-1])
     remaining = reached[-1] - travelled
 
     num = _num_points(prune_distance, spacing)
@@ -74,7 +77,7 @@ def local_path(path: Array, x: Array, y: Array, prune_distance: float, spacing: 
     segment = jnp.minimum(jnp.sum(reached[None, :] < wanted[:, None], axis=1), len(start) - 1)
     back = (reached[segment] - wanted) / jnp.where(length[segment] > 0, length[segment], 1.0)
     points = path[segment + 1] - back[:, None] * leap[segment]
-    last = jnp.minimum(jnp.ceil(remaining / spacing).astype(jnp.int32), num - 1)
+    last = jnp.minimum(jnp.ceil(remaining / spacing - _ROUNDING).astype(jnp.int32), num - 1)
     return LocalPath(points[:, 0], points[:, 1], last, remaining)
 
 

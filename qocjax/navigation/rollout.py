@@ -45,6 +45,7 @@ class _Chords(NamedTuple):
 class _Carry(NamedTuple):
     pose: Pose
     speed: Command
+    wanted: Command  # in the next step: the sample drawn for the one before
     distance: Array
     chords: tuple[_Chords | None, ...]  # of the critics that measure them
     totals: tuple[Any, ...]
@@ -66,18 +67,14 @@ def roll_out(config: MppiConfig, scene: Scene, pose: Array, now: Command, vx: Ar
     # As many steps are written out as it takes for every block to score the same of its points.
     block = min(math.lcm(*(critic.stride for critic in config.critics)), steps)
     whole = steps - steps % block
-    rows = [
-        jnp.concatenate([jnp.full((1, samples), first), sampled[:-1]])
-        for first, sampled in ((now.nu, vx), (now.omega, wz))
-    ]
 
     def advance(carry: _Carry, rows: Sequence[Array]) -> tuple[_Carry, Any]:
         return _block(config, scene, carry, rows, record)
 
     carry = _start(config, scene, pose, now, samples)
-    carry, points = lax.scan(advance, carry, [each[:whole].reshape(-1, block, samples) for each in rows])
+    carry, points = lax.scan(advance, carry, [each[:whole].reshape(-1, block, samples) for each in (vx, wz)])
     if whole < steps:
-        carry, rest = advance(carry, [each[whole:] for each in rows])
+        carry, rest = advance(carry, [each[whole:] for each in (vx, wz)])
     if record:
         points = tuple(each.reshape(whole, samples) for each in points)
         if whole < steps:
@@ -94,7 +91,7 @@ def _start(config: MppiConfig, scene: Scene, pose: Array, now: Command, samples:
     point = Point(first.x, first.y, first.heading, nothing, nu)
     chords = tuple(_Chords(first.x, first.y, nothing) if _measures(critic) else None for critic in config.critics)
     totals = tuple(_nothing(critic, point, scene) for critic in config.critics)
-    return _Carry(begin, speed, -jnp.abs(nu) * config.model_dt, chords, totals)
+    return _Carry(begin, speed, speed, -jnp.abs(nu) * config.model_dt, chords, totals)
 
 
 def _nothing(critic: Critic, first: Point, scene: Scene) -> Any:
@@ -115,11 +112,12 @@ def _block(config: MppiConfig, scene: Scene, carry: _Carry, rows: Sequence[Array
     return carry, tuple(jnp.stack(each) for each in zip(*points, strict=True)) if record else None
 
 
-def _move(config: MppiConfig, carry: _Carry, wanted: Command) -> _Carry:
+def _move(config: MppiConfig, carry: _Carry, drawn: Command) -> _Carry:
     """One step."""
-    speed = follow(config, carry.speed, wanted, config.model_dt)
+    speed = follow(config, carry.speed, carry.wanted, config.model_dt)
     distance = carry.distance + jnp.abs(speed.nu) * config.model_dt
-    return carry._replace(pose=arc(carry.pose, speed, config.model_dt, _angles(config)), speed=speed, distance=distance)
+    pose = arc(carry.pose, speed, config.model_dt, _angles(config))
+    return carry._replace(pose=pose, speed=speed, wanted=drawn, distance=distance)
 
 
 def _score(config: MppiConfig, scene: Scene, carry: _Carry, due: Sequence[bool]) -> _Carry:

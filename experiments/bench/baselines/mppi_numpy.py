@@ -30,35 +30,49 @@ class NumpyMppi:
         """
         self.config, self.cells, self.resolution, self.origin = config, cells.astype(np.float32), resolution, origin
         self.sequence = np.zeros((2, config.time_steps), np.float32)
-        self.sent = np.zeros((2, HISTORY), np.float32)
+        self.past = np.zeros((2, HISTORY), np.float32)
         self.cost = np.zeros(config.batch_size, np.float32)
         offsets = np.arange(-HISTORY, HISTORY + 1)
         self.kernel = np.linalg.pinv(np.vander(offsets, config.sgf_order + 1, increasing=True))[0].astype(np.float32)
 
     def step(self, pose: np.ndarray, path: np.ndarray, goal: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """One cycle with standard normal noise [2, H, K]; returns the command (m/s, rad/s)."""
+        """One cycle, of a robot at the speed it was told, with noise [2, H, K]; returns the command (m/s, rad/s)."""
         c = self.config
         std = np.array([c.vx_std, c.wz_std], np.float32)[:, None, None]
         sampled = self.sequence[..., None] + std * noise
         low, high = np.array([c.vx_min, -c.wz_max], np.float32), np.array([c.vx_max, c.wz_max], np.float32)
-        capped = np.clip(sampled, low[:, None, None], high[:, None, None])
-        x, y, heading = self._move(pose, capped)
-        distance = np.cumsum(np.abs(capped[0]) * np.float32(c.model_dt), axis=0)
+        wanted = np.concatenate([np.broadcast_to(self.sequence[:, :1, None], sampled[:, :1].shape), sampled[:, :-1]], 1)
+        speeds = self._driven(wanted)
+        x, y, heading = self._move(pose, speeds)
+        distance = np.sum(np.abs(speeds[0, 1:]), axis=0) * np.float32(c.model_dt)
         local, last, remaining = self._local_path(pose, path)
         self.cost = np.zeros(c.batch_size, np.float32)
         for mean, sample, sigma in zip(self.sequence, sampled, std[:, 0, 0], strict=True):
             self.cost += np.float32(c.gamma / sigma**2) * (mean @ sample - mean @ mean)
-        self.cost += self._own_critics(pose, goal, x, y, heading, sampled[0], remaining)
+        self.cost += self._own_critics(pose, goal, x, y, heading, speeds[0], remaining)
         self.cost += self._path_critics(x, y, distance, local, last, remaining)
         weight = np.exp((self.cost.min() - self.cost) / np.float32(c.temperature))
         weight /= weight.sum()
         mean = sampled @ weight
-        padded = np.concatenate([self.sent, mean, np.repeat(mean[:, -1:], HISTORY, axis=1)], axis=1)
+        padded = np.concatenate([self.past, mean, np.repeat(mean[:, -1:], HISTORY, axis=1)], axis=1)
         smooth = np.stack([np.convolve(each, self.kernel, "valid") for each in padded])
-        smooth = np.clip(smooth, low[:, None], high[:, None])
-        self.sent = np.concatenate([self.sent[:, 1:], smooth[:, :1]], axis=1)
-        self.sequence = np.concatenate([smooth[:, 1:], smooth[:, -1:]], axis=1)
-        return smooth[:, 0]
+        smooth[:, -1] = mean[:, -1]
+        self.past = np.concatenate([self.past[:, 1:], smooth[:, 1:2]], axis=1)
+        capped = np.clip(smooth, low[:, None], high[:, None])
+        capped[:, 0] = self.sequence[:, 0]
+        feasible = self._driven(capped[..., None])[..., 0]
+        self.sequence = np.concatenate([feasible[:, 1:], feasible[:, -1:]], axis=1)
+        return self.sequence[:, 0]
+
+    def _driven(self, wanted: np.ndarray) -> np.ndarray:
+        """Speeds [2, H, K] on the way through those wanted, from the first of them, within the accelerations."""
+        c, speeds = self.config, wanted.copy()
+        rise, fall, turn = (np.float32(each * c.model_dt) for each in (c.ax_max, -c.ax_min, c.az_max))
+        for i in range(1, speeds.shape[1]):
+            v, w = speeds[:, i - 1]
+            speeds[0, i] = np.clip(speeds[0, i], v - np.where(v > 0, fall, rise), v + np.where(v > 0, rise, fall))
+            speeds[1, i] = np.clip(speeds[1, i], w - turn, w + turn)
+        return speeds
 
     def _move(self, pose: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points [H, K] of exact arcs: chords in the direction of half the turn."""
@@ -121,6 +135,7 @@ class NumpyMppi:
         nearest = np.argmin(np.sum((path[:-1] + share[:, None] * leaps - pose[:2]) ** 2, axis=1))
         reached = np.append(0.0, np.cumsum(length))
         begin = reached[nearest] + share[nearest] * length[nearest]
+        begin = min(np.round(begin / c.path_spacing) * c.path_spacing, reached[-1])
         count = round(c.prune_distance / c.path_spacing) + 1
         at = np.minimum(begin + c.path_spacing * np.arange(count), reached[-1])
         local = np.stack([np.interp(at, reached, path[:, i]) for i in (0, 1)], axis=1).astype(np.float32)
@@ -134,15 +149,16 @@ class NumpyMppi:
         c, align, follow = self.config, self.config.critics[4], self.config.critics[5]
         clear = self._cells_at(local[:, 0], local[:, 1]) < COLLISION
         gaps = (x[-1] - local[:, :1]) ** 2 + (y[-1] - local[:, 1:]) ** 2
-        furthest = int(np.argmin(gaps, axis=0).max())
+        index = np.arange(len(local))[:, None]
+        furthest = int(np.argmin(np.where(index <= np.ceil(distance / c.path_spacing), gaps, np.inf), axis=0).max())
         cost = np.zeros(c.batch_size, np.float32)
         blocked, visible = np.sum(~clear[:furthest]), min(remaining, (len(local) - 1) * c.path_spacing)
         free = blocked <= 2 or blocked <= align.max_path_occupancy_ratio * furthest
         if free and furthest >= align.offset_from_furthest and visible >= align.threshold_to_consider:
             every = align.trajectory_point_step
-            reach = (distance[::every] / np.float32(c.path_spacing) + np.float32(0.5)).astype(np.int32)
-            index = np.minimum(reach, last)
-            gap = np.hypot(local[index, 0] - x[::every], local[index, 1] - y[::every])
+            along = np.cumsum(np.hypot(np.diff(x[::every], axis=0), np.diff(y[::every], axis=0)), axis=0)
+            index = np.minimum((along / np.float32(c.path_spacing) + np.float32(0.5)).astype(np.int32), last)
+            gap = np.hypot(local[index, 0] - x[every::every], local[index, 1] - y[every::every])
             used = clear[index]
             weight = np.float32(align.cost_weight)
             cost += weight * np.sum(gap * used, axis=0) / np.maximum(np.sum(used, axis=0), 1)
