@@ -124,7 +124,7 @@ def run_closed_loop(
 
     pose = jax.tree.map(lambda a: jnp.broadcast_to(a, _batch_shape(start, loop_times, design)), pose_from(start))
     still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
-    task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots)
+    task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.acceleration)
     memory = plan.controller.begin(task, pose, keys)
     state = _State(pose, still, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
     tick = _Tick(scenario, task, mid_tick, plan)

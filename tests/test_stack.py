@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from qocjax import Design, Rules, Scenario, evaluate, one_at_a_time, paper_network, replay, run_study, simulate
+from qocjax import (
+    Acceleration,
+    Design,
+    Rules,
+    Scenario,
+    evaluate,
+    one_at_a_time,
+    paper_network,
+    replay,
+    run_study,
+    simulate,
+)
 from qocjax._math import EXACT
 from qocjax.navigation import (
     STACK_MPPI,
@@ -98,6 +109,14 @@ def test_prediction_is_where_the_robot_is_when_its_command_takes_effect(deadline
     np.testing.assert_allclose(
         np.asarray(run.view.begin)[:16], np.stack([there.x, there.y, there.heading], -1), atol=1e-9
     )
+
+
+def test_prediction_knows_that_speeds_take_time_to_change() -> None:
+    slow = replace(SHORT, acceleration=Acceleration(0.8, -1.0, 1.5))
+    run = simulate(slow, design(0.2), times(), controller=replace(STACK, predict=True))
+    np.testing.assert_allclose(np.asarray(run.view.begin)[:16], np.asarray(run.pose)[4:20], atol=1e-9)
+    begin = np.stack([np.asarray(run.view.speed.nu), np.asarray(run.view.speed.omega)], -1)
+    np.testing.assert_allclose(begin[:16], np.asarray(run.speed)[4:20], atol=1e-9)
 
 
 def test_predictions_of_other_robots_leave_one_period_unknown_without_loss() -> None:

@@ -12,7 +12,7 @@ from jax import Array, lax
 from qocjax.controllers.interface import Sight, Task
 from qocjax.navigation.costmap import Obstacles, others
 from qocjax.navigation.cycle import Robot
-from qocjax.navigation.mppi import Limits, State, predict
+from qocjax.navigation.mppi import Limits, State, predict, predict_driven
 from qocjax.unicycle import Command
 
 if TYPE_CHECKING:
@@ -88,8 +88,10 @@ def _predicted(task: Task, memory: Memory, sight: Sight) -> tuple[Array, Command
     ago = task.slots - jnp.arange(task.slots)  # sampling periods
     # Each is in force for one period; between sampling instants, the oldest one for what is left of it.
     durations = jnp.where(ago <= task.lag, task.design.tau, jnp.where(ago == task.lag + 1, task.rest, 0.0))
-    commands = Command(under_way[..., 0], under_way[..., 1])
-    begin = predict(sampled, commands, durations.astype(sampled.dtype))
+    commands, durations = Command(under_way[..., 0], under_way[..., 1]), durations.astype(sampled.dtype)
+    if task.acceleration is not None:
+        return predict_driven(sampled, sight.speed, commands, durations, task.acceleration)
+    begin = predict(sampled, commands, durations)
     if task.slots == 0:
         return begin, sight.speed
     # The command computed last is in force then, unless this one takes effect at once.

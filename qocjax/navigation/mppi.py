@@ -18,6 +18,7 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from qocjax._math import angle_math
+from qocjax.acceleration import Acceleration, drive, parts
 from qocjax.navigation.critics import COLLISION, Ends, Scene
 from qocjax.navigation.feasible import driven, feasible, speed_now
 from qocjax.navigation.local_path import MapCosts, local_path
@@ -28,7 +29,17 @@ from qocjax.navigation.rollout import roll_out
 from qocjax.navigation.smoothing import HISTORY, shifted, smoothed
 from qocjax.unicycle import Command, Pose, arc
 
-__all__ = ["Limits", "Rollouts", "State", "initial_state", "predict", "step", "step_each", "weights_of"]
+__all__ = [
+    "Limits",
+    "Rollouts",
+    "State",
+    "initial_state",
+    "predict",
+    "predict_driven",
+    "step",
+    "step_each",
+    "weights_of",
+]
 
 
 @jax.tree_util.register_dataclass
@@ -91,6 +102,33 @@ def predict(pose: Array, commands: Command, durations: Array) -> Array:
     begin = Pose(pose[0], pose[1], jnp.cos(pose[2]), jnp.sin(pose[2]), pose[2])
     end, _ = lax.scan(move, begin, (commands, durations))
     return jnp.stack([end.x, end.y, end.heading])
+
+
+def predict_driven(
+    pose: Array, speed: Command, commands: Command, durations: Array, limits: Acceleration
+) -> tuple[Array, Command]:
+    """`predict` for a robot whose speeds take time to follow commands.
+
+    Args:
+        pose: [3, *B] x, y, heading (m, m, rad).
+        speed: At which it drives, each field [*B].
+        commands: Each field [n, *B], in the order in which they are in force.
+        durations: [n] (s); 0 for none.
+        limits: On acceleration.
+
+    Returns:
+        The poses, [3, *B], and the speeds.
+    """
+
+    def move(state: tuple[Pose, Command], row: tuple[Command, Array]) -> tuple[tuple[Pose, Command], None]:
+        (at, driven), (command, duration) = state, row
+        for part in parts(driven, command, duration, limits):
+            at, driven = drive(at, part, angle_math(jnp.inf)), part.end
+        return (at, driven), None
+
+    begin = Pose(pose[0], pose[1], jnp.cos(pose[2]), jnp.sin(pose[2]), pose[2])
+    (end, driven), _ = lax.scan(move, (begin, speed), (commands, durations))
+    return jnp.stack([end.x, end.y, end.heading]), driven
 
 
 def step(
