@@ -38,7 +38,7 @@ class MapCosts:
 
 
 class LocalPath(NamedTuple):
-    """The path from about the point nearest to the robot on, M points at equal distances; beyond its end, the end."""
+    """The path from where it is nearest to the robot onwards, M points at equal distances; beyond its end, the end."""
 
     x: Array  # [M] m
     y: Array  # [M] m
