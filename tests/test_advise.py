@@ -167,6 +167,9 @@ class Formula:
     def __init__(self, wild: float) -> None:
         self.wild, self.key, self.scale = wild, 0, QocScale(1.0, 10.0)
 
+    def units(self, seeds: range, tau: object) -> np.ndarray:
+        return np.arange(len(seeds))
+
     def runs(self, designs: Design, seeds: range) -> xr.Dataset:
         kappa, deadline = np.asarray(designs.kappa), np.asarray(designs.deadline)
         auc = 1 + np.log(kappa / 2) ** 2 + 10 * (deadline - 0.3) ** 2
@@ -187,7 +190,7 @@ def test_the_search_ends_at_the_best_that_keeps_the_limit(wild: float, best: flo
 def test_no_design_without_collisions_is_said() -> None:
     box = Box(LATE, {"kappa": (0.5, 8.0)})
     with pytest.raises(ValueError, match=r"max_collision_share: got 0.5, which no design .* has 1, with kappa="):
-        shortlist(Formula(0.1), box, np.array([0.2]), 0.5, Effort(4, (2,), 2, 2), range(2))
+        shortlist(Formula(0.1), box, np.array([0.2]), 0.5, Effort(4, (8,), 2, 2), range(8))
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def test_it_searches_what_the_stack_reads(composer: None) -> None:
     assert stack.bounds() == {"v_max": (pytest.approx(0.21), 0.7)} and set(law.bounds()) > {"kappa", "v_max"}
     assert stack.loop.tau == 0.05 and config("loop.tau=0.1").loop.tau == 0.1
     effort = stack.effort()
-    assert (effort.fresh_seeds, effort.deadlines) == (72, 8) and law.effort() == Effort()
+    assert (effort.fresh_seeds, effort.deadlines) == (72, 6) and law.effort() == Effort()
     assert stack.advise.max_collision_share == 0.05
 
 
