@@ -43,7 +43,8 @@ def drawn_loop_times(options: str, period: float, deadline: float, seed: int = 0
         with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
             network = load(ShowConfig, compose("show", shlex.split(options))).build_network()
     except (HydraException, OmegaConfBaseException) as error:
-        raise ValueError(f"network: got {options!r}: {' '.join(str(error).split())}") from None
+        text = " ".join(str(error).partition("Config search path")[0].split())  # Hydra lists folders there
+        raise ValueError(f"network: got {options!r}: {text}") from None
     keys = jax.random.split(jax.random.key(_checks.count("seed", seed, least=0)), 1)
     return np.asarray(loop_times(network, keys, count, 1, tau, deadline), np.float64)[0, :, 0]
 
