@@ -57,6 +57,8 @@ def run(config: ShowConfig, folder: Path | None = None) -> Shown:
     shown = Shown(done, room, views)
     if folder is not None:
         _write(shown, config, folder)
+        if config.bag:
+            done.to_bag(folder / "bag", room, controller if isinstance(controller, NavigationStack) else None)
         if config.figures:
             _draw(shown, config, folder / "figures")
     return shown

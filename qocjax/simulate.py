@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -66,6 +67,12 @@ class Run:
         columns["age"] = np.pad(np.asarray(self.age), pad, constant_values=np.nan)
         index = {"time": np.repeat(np.asarray(self.time), robots), "robot": np.tile(np.arange(robots), instants)}
         return pd.DataFrame(index | {name: values.ravel() for name, values in columns.items()})
+
+    def to_bag(self, path: str | Path, static_map: Any = None, stack: Any = None) -> Path:
+        """Writes the run as a rosbag2 (MCAP) with ROS's names; see `qocjax.ros.bag.write_bag`."""
+        from qocjax.ros.bag import write_bag  # files come after simulations
+
+        return write_bag(path, self, static_map, stack)
 
 
 def simulate(

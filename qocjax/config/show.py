@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Annotated
 
 import numpy as np
@@ -35,6 +36,7 @@ class ShowConfig(SimulationConfig):
     show: ShowOptions
     nav2: str | None
     figures: bool
+    bag: bool
 
     def build_design(self) -> Design:
         """The design that is shown.
@@ -54,4 +56,6 @@ class ShowConfig(SimulationConfig):
         robots = len(self.scenario.start)
         if not 1 <= options.robot <= robots:
             raise ValueError(f"show.robot: got {options.robot}, expected 1 to {robots}")
+        if self.bag and find_spec("rosbags") is None:
+            raise ValueError("bag: got true, which needs rosbags, expected it installed: pip install 'qocjax[ros]'")
         return replace(self.baseline(), deadline=np.float64(options.deadline_ms) / 1e3)
