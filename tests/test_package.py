@@ -331,9 +331,12 @@ def groups(command: str) -> set[str]:
 
 
 def commands(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Each `python -m qocjax.<command> ...` in a text with its options; what follows two blanks is not part of it."""
+    """Each `python -m qocjax.<command> ...` in a text with its options; what follows two blanks is not part of it.
+
+    Nodes, `qocjax.ros.<node>`, take no such options.
+    """
     for line in re.sub(r"\\\n\s*", "", text).splitlines():
-        for command, rest in re.findall(r"python3? -m qocjax\.(\w+)([^`]*)", line):
+        for command, rest in re.findall(r"python3? -m qocjax\.(\w+)(?!\w|\.\w)([^`]*)", line):
             if "[option" not in rest:
                 yield command, shlex.split(re.split(r"\s{2,}", rest)[0], comments=True)
 

@@ -246,3 +246,17 @@ def test_parameters_have_descriptions_types_and_ranges(executor: SingleThreadedE
             ranges = [*told.floating_point_range, *told.integer_range]
             assert [(one.from_value, one.to_value) for one in ranges] == [(each.least, each.most)] * len(ranges)
         node.destroy_node()
+
+
+def test_qos_goes_by_overrides_of_the_topic_s_own_name(executor: SingleThreadedExecutor) -> None:
+    name = "qos_overrides./there/nav.subscription."
+    given = overrides(**{f"{name}depth": 3, f"{name}reliability": "best_effort"})
+    remap = ["--ros-args", "-r", "cmd_vel_in:=/there/nav"]
+    node = rclpy.create_node("deadline", parameter_overrides=given, cli_args=remap, use_global_arguments=False)
+    served = DeadlineNode(node)
+    (found,) = node.get_subscriptions_info_by_topic("/there/nav")
+    assert found.qos_profile.reliability.name == "BEST_EFFORT"
+    assert served._in.qos_profile.depth == 3
+    (sent,) = node.get_publishers_info_by_topic("/cmd_vel_out")
+    assert sent.qos_profile.reliability.name == "RELIABLE" and served._out.qos_profile.depth == 1
+    node.destroy_node()

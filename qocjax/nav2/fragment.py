@@ -36,7 +36,7 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None) ->
     best = setting(advice, rules)
     if source is None:
         changes = advised(best)
-        return f"{_head(advice, best)}\n{merged('', changes).lstrip()}\n{_notes(advice, best, None, changes)}"
+        return f"{_head(advice, best)}\n{merged('', changes).lstrip()}\n{_notes(advice, best, rules, None, changes)}"
     text, name, windows = source_text(source)
     if text.startswith("# From qocjax.advise"):  # its own file from before: the notes are written anew
         text = text.split("\n\n", 1)[-1]
@@ -46,7 +46,7 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None) ->
     params = params_of(Document(text, name))
     changes = advised(best, params)
     body = merged(text if "\n" in text else text + "\n", changes, params.namespace).rstrip("\n")
-    whole = f"{_head(advice, best)}\n{body}\n\n{_notes(advice, best, params, changes)}"
+    whole = f"{_head(advice, best)}\n{body}\n\n{_notes(advice, best, rules, params, changes)}"
     return whole.replace("\n", "\r\n") if windows else whole
 
 
@@ -66,7 +66,7 @@ def _head(advice: Advice, best: Set) -> str:
     )
 
 
-def _notes(advice: Advice, best: Set, params: NavParams | None, changes: Sequence[Change]) -> str:
+def _notes(advice: Advice, best: Set, rules: Rules, params: NavParams | None, changes: Sequence[Change]) -> str:
     gap = math.ceil((advice.character["p99_miss_run"] + 1) * best.tau * 1e3)
     values = {
         name: float(np.asarray(getattr(advice.recommended, name))) for name in _GAINS if name not in advice.unread
@@ -75,10 +75,21 @@ def _notes(advice: Advice, best: Set, params: NavParams | None, changes: Sequenc
     parts = [
         _WHERE.format(hold=decimal(best.hold)), _delay(best, params, changes), _QOS.format(
             lifespan=round(best.deadline * 1e9), gap=gap, gap_ns=gap * 1_000_000, run=advice.character["p99_miss_run"]),
-        _REST.format(deadline=1e3 * best.deadline), _LAW.format(gains=gains) if gains else "",
+        _REST.format(deadline=1e3 * best.deadline, node=_node(best, rules)),
+        _LAW.format(gains=gains) if gains else "",
         *_of_file(best, params, changes),
     ]  # fmt: skip
     return "\n".join([_BEGIN, *(part.strip("\n") for part in parts if part), _END, ""])
+
+
+def _node(best: Set, rules: Rules) -> str:
+    """Parameters of the deadline node of `qocjax.ros`."""
+    found = {"deadline": decimal(best.deadline), "period": decimal(best.tau), "hold": rules.hold}
+    if rules.actuation == "arrival":
+        found["actuation"] = rules.actuation
+    if rules.hold in ("timeout", "decay"):
+        found[f"hold_{rules.hold}"] = decimal(getattr(rules, f"hold_{rules.hold}"))
+    return " ".join(f"-p {name}:={value}" for name, value in found.items())
 
 
 def _delay(best: Set, params: NavParams | None, changes: Sequence[Change]) -> str:
@@ -143,8 +154,9 @@ _QOS = """
 _REST = """
 # Without a counterpart in Nav2:
 #   deadline: {deadline:.4g} ms. A loop that takes longer is given up, and a command takes effect exactly that long
-#     after its sample. Nav2 applies a command when it comes; a node at the robot that holds each one until its stamp
-#     plus the deadline does the same as the model.
+#     after its sample. Nav2 applies a command when it comes; the deadline node at the robot does the same as the model
+#     (docs/ros.md of qocjax; commands must bear the stamp of their pose, and velocity_smoother reads cmd_vel_held):
+#     python -m qocjax.ros.deadline --ros-args {node} -r cmd_vel_in:=cmd_vel_nav -r cmd_vel_out:=cmd_vel_held
 """
 
 _LAW = """
