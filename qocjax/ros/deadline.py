@@ -62,7 +62,7 @@ class DeadlineNode:
     def _take(self, message: Any, info: Any) -> None:
         """A command has come."""
         now, stamp = self._now(), from_stamp(message.header.stamp)
-        self._sequence = info["publication_sequence_number"] or self._sequence + 1  # not every middleware has it
+        self._sequence = info.get("publication_sequence_number") or self._sequence + 1  # not every middleware has it
         self._record.add(self._sequence, stamp, now)
         move = message.twist
         command = (move.linear.x, move.linear.y, move.linear.z, move.angular.x, move.angular.y, move.angular.z)
@@ -139,8 +139,16 @@ class DeadlineNode:
         if self.gate.in_force is not None:
             now = self._now()
             self._publish(Change(now, (0.0,) * 6, now, 0.0), now)
+            self._out.wait_for_all_acked(_patience())
         self._diagnostics.tell()
         self._record.close()
+
+
+def _patience() -> Any:
+    """For the last command's way."""
+    from rclpy.duration import Duration
+
+    return Duration(seconds=0.2)
 
 
 def main() -> int:

@@ -8,15 +8,10 @@ from collections.abc import Iterator
 
 import jax
 import numpy as np
-from hydra import compose, initialize_config_dir
-from hydra.errors import HydraException
 from numpy.typing import NDArray
-from omegaconf.errors import OmegaConfBaseException
 
 from qocjax import _checks
-from qocjax.config import conf_dir, load
-from qocjax.config.show import ShowConfig
-from qocjax.network import loop_times
+from qocjax.network.interface import Network, loop_times
 from qocjax.ros.gate import Command, nanoseconds
 
 __all__ = ["Injection", "drawn_loop_times"]
@@ -39,14 +34,25 @@ def drawn_loop_times(options: str, period: float, deadline: float, seed: int = 0
         ValueError: There is no such option, or a value is out of range.
     """
     tau, count = float(_checks.bounded("period", period, above=0.0)), _checks.count("length", length)
+    network = _network(options)
+    keys = jax.random.split(jax.random.key(_checks.count("seed", seed, least=0)), 1)
+    return np.asarray(loop_times(network, keys, count, 1, tau, deadline), np.float64)[0, :, 0]
+
+
+def _network(options: str) -> Network:
+    from hydra import compose, initialize_config_dir  # a robot without delays put on begins sooner
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    from qocjax.config import conf_dir, load
+    from qocjax.config.show import ShowConfig
+
     try:
         with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
-            network = load(ShowConfig, compose("show", shlex.split(options))).build_network()
+            return load(ShowConfig, compose("show", shlex.split(options))).build_network()
     except (HydraException, OmegaConfBaseException) as error:
         text = " ".join(str(error).partition("Config search path")[0].split())  # Hydra lists folders there
         raise ValueError(f"network: got {options!r}: {text}") from None
-    keys = jax.random.split(jax.random.key(_checks.count("seed", seed, least=0)), 1)
-    return np.asarray(loop_times(network, keys, count, 1, tau, deadline), np.float64)[0, :, 0]
 
 
 class Injection:
