@@ -160,6 +160,13 @@ def test_a_bag_is_replaced_and_nothing_else_is(simulated: Any, bag: Path, tmp_pa
     assert [each.name for each in tmp_path.iterdir()] == ["mine"]
 
 
+def test_several_runs_are_no_bag(simulated: Any, tmp_path: Path) -> None:
+    both = jax.tree.map(lambda a: np.stack([a, a]), simulated)
+    with pytest.raises(ValueError, match=r"run: got poses of shape \(2, 401, 2, 3\), expected those of one run"):
+        both.to_bag(tmp_path / "bag")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_stack_s_paths_and_costmaps_are_there(tmp_path: Path) -> None:
     options = ["bag=true", "figures=false", "controller=navigation", "controller.mppi.batch_size=60",
                "scenario.horizon=2.5", "loop.tau=0.1"]  # fmt: skip

@@ -4,7 +4,7 @@
     gate.arrive(stamp, (0.3, 0.1), now)  # times in ns
     gate.advance(now)  # what changed until now, each change at its own time
 
-`gate` and `loops` say which command is in force when, `injection` delays commands as a network would, `pairing`
+`gate`, `loops` and `hold` say which command is in force when, `injection` delays commands as a network would, `pairing`
 finds the pose that a command answers. None of them needs ROS; `deadline` and `stamps` are the nodes around them.
 """
 

@@ -52,7 +52,7 @@ def write_bag(
 
     Raises:
         OSError: The folder cannot be written.
-        ValueError: rosbags is not installed, or something other than a bag lies there.
+        ValueError: rosbags is not installed, something other than a bag lies there, or there are several runs.
     """
     path = Path(path)
     if importlib.util.find_spec("rosbags") is None:
@@ -96,6 +96,8 @@ def _write(folder: Path, found: list[_Message]) -> None:
 
 def _messages(run: Any, static_map: StaticMap | None, stack: NavigationStack | None, begin: int) -> Iterator[_Message]:
     done = jax.tree.map(np.asarray, run)
+    if done.pose.ndim != 3:
+        raise ValueError(f"run: got poses of shape {done.pose.shape}, expected those of one run, (P + 1, N, 3)")
     instants = begin + np.round(1e9 * np.asarray(done.time, np.float64)).astype(np.int64)
     stamps = [int(each) for each in instants]
     room = stack.static_map if static_map is None and stack is not None else static_map

@@ -8,8 +8,9 @@ from typing import Any
 from qocjax.network.schedule import Rules
 from qocjax.ros.gate import Change, Command, DeadlineGate
 from qocjax.ros.injection import Injection, drawn_loop_times
-from qocjax.ros.node import Diagnostics, Record, declared, from_stamp, reliable, serve, to_stamp
+from qocjax.ros.node import declared, from_stamp, reliable, serve, to_stamp
 from qocjax.ros.parameters import DEADLINE
+from qocjax.ros.reports import Diagnostics, Record
 
 __all__ = ["DeadlineNode", "main"]
 

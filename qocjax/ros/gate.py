@@ -14,6 +14,7 @@ from typing import NamedTuple
 from qocjax import _checks
 from qocjax.network.completion import latest
 from qocjax.network.schedule import Rules
+from qocjax.ros.hold import Hold
 from qocjax.ros.loops import Loops
 
 __all__ = ["Change", "Command", "Counts", "DeadlineGate", "nanoseconds"]
@@ -87,7 +88,7 @@ class DeadlineGate:
         self._rules, self._origin = rules, origin
         self._deadline, self._period, self._ahead = times["deadline"], times["period"], times["ahead"]
         self._verdict = self._deadline + times["jitter"]
-        self._timeout = math.floor(latest(1e9 * rules.hold_timeout))
+        self._hold = Hold(rules, self._deadline, self._verdict, self._period)
         self._restarts = 0
         self._begin()
 
@@ -168,26 +169,10 @@ class DeadlineGate:
         """The next time (ns) at which the command in force may change by itself; None where nothing is to come."""
         times = [self._due[0][0]] if self._due else []
         if self._force is not None and any(self._force.command):
-            times += [time for time in [self._next_hold()] if time is not None]
+            assert self._now is not None
+            held = self._hold.next_change(self._loops, self._force.stamp, self._gain, self._now)
+            times += [] if held is None else [held]
         return min(times, default=None)
-
-    def _next_hold(self) -> int | None:
-        """When the hold rule may next change what is left of the command in force."""
-        assert self._force is not None and self._now is not None
-        stamp = self._force.stamp
-        if self._rules.hold == "zero" and self._gain:
-            return self._at_instant(self._loops.next_verdict(self._verdict))
-        if self._rules.hold == "timeout" and self._gain:
-            over = stamp + self._timeout + 1
-            return self._loops.next_instant(max(over - 1, self._now)) if self._period else max(over, self._now)
-        if self._rules.hold == "decay":
-            return self._loops.next_instant(max(stamp + self._deadline, self._now))
-        return None
-
-    def _at_instant(self, time: int | None) -> int | None:
-        """With `arrival` verdicts, too, act at sampling instants."""
-        arrival = time is not None and self._rules.actuation == "arrival"
-        return self._loops.next_instant(time - 1) if arrival and time is not None else time
 
     def advance(self, now: int) -> list[Change]:
         """Lets everything happen that is due until now (ns), and now.
@@ -217,30 +202,19 @@ class DeadlineGate:
     def _step(self, time: int) -> list[Change]:
         """What happens at one time: commands take effect, then the hold rule has its say."""
         before = (self._force, self._gain)
-        fresh = False
         while self._due and self._due[0][0] <= time:
             due = heapq.heappop(self._due)[-1]
             if self._force is None or due.stamp >= self._force.stamp:
-                self._force, fresh = due, True
+                self._force = due
         self._loops.judge(time, self._verdict)
-        self._gain = self._held(time, fresh)
-        self._now = time
-        if self._force is None or (self._force, self._gain) == before:
+        self._now, force = time, self._force
+        if force is None:
             return []
-        return [Change(time, _scaled(self._force.command, self._gain), self._force.stamp, self._gain)]
-
-    def _held(self, time: int, fresh: bool) -> float:
-        """What the hold rule leaves of the command in force."""
-        hold, force = self._rules.hold, self._force
-        if hold == "hold" or force is None:
-            return 1.0
-        if hold == "zero":
-            return float(force.loop >= self._loops.missed)
-        if self._period and self._loops.next_instant(time - 1) != time:  # between sampling instants
-            return 1.0 if fresh else self._gain
-        if hold == "timeout":
-            return float(time - force.stamp <= self._timeout)
-        return math.exp(-1e-9 * max(time - force.stamp - self._deadline, 0) / self._rules.hold_decay)
+        earlier = self._gain if force is before[0] else None
+        self._gain = self._hold.gain(self._loops, force.loop, force.stamp, time, earlier)
+        if (force, self._gain) == before:
+            return []
+        return [Change(time, _scaled(force.command, self._gain), force.stamp, self._gain)]
 
 
 def nanoseconds(name: str, seconds: float) -> int:

@@ -39,9 +39,9 @@ DEADLINE = (
               0.0, 60.0),
     Parameter("actuation", "deadline", "whether a command takes effect at stamp + deadline, or when it comes",
               choices=("deadline", "arrival")),
-    Parameter("hold", "hold", "what a missed loop does: the command stays, the robot stops, stops at hold_timeout, or "
-              "the command fades", choices=("hold", "zero", "timeout", "decay")),
-    Parameter("hold_timeout", 0.5, "s of age, of hold timeout", 0.001, 60.0),
+    Parameter("hold", "timeout", "what a missed loop does: the command stays, the robot stops, stops at hold_timeout, "
+              "or the command fades", choices=("hold", "zero", "timeout", "decay")),
+    Parameter("hold_timeout", 1.0, "s of age, of hold timeout", 0.001, 60.0),
     Parameter("hold_decay", 0.5, "s, time constant of hold decay", 0.001, 60.0),
     Parameter("period", 0.0, "s between the stamps of two commands; 0 where it is not known, which zero and decay "
               "cannot do with", 0.0, 60.0),

@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from qocjax.ros.node import Diagnostics, Record, declared, from_stamp, reliable, serve, to_stamp
+from qocjax.ros.node import declared, from_stamp, reliable, serve, to_stamp
 from qocjax.ros.pairing import Pairing
 from qocjax.ros.parameters import STAMPS
+from qocjax.ros.reports import Diagnostics, Record
 
 __all__ = ["StampNode", "main"]
 
