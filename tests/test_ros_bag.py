@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import qocjax
 from qocjax import ingest
+from qocjax.acceleration import Acceleration
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.show import ShowConfig
@@ -33,8 +34,8 @@ TICKS = round(HORIZON / TAU)
 
 @pytest.fixture(scope="module")
 def simulated() -> Any:
-    """Two robots; loops are lost, and late, and the deadline lies between two sampling instants."""
-    scenario = qocjax.Scenario(horizon=HORIZON)
+    """Two robots that take time to obey; loops are lost and late, the deadline lies between two sampling instants."""
+    scenario = qocjax.Scenario(horizon=HORIZON, acceleration=Acceleration(2.0, -2.0, 4.0))
     times = np.array(qocjax.paper_network().draw(jax.random.key(3), TICKS, 2, TAU))
     times[100:140] = np.inf
     return qocjax.simulate(scenario, qocjax.Design(deadline=DEADLINE, tau=TAU), times)
@@ -94,6 +95,9 @@ def test_every_message_says_what_the_run_did(simulated: Any, bag: Path) -> None:
         assert all(ns(message.header) == time for time, message in odom)
         first = odom[0][1].pose.pose
         assert (first.position.x, first.position.y, first.orientation.z, first.orientation.w) == (0, 0, 0, 1)
+        driven = np.array([(m.twist.twist.linear.x, m.twist.twist.angular.z) for _, m in odom])
+        np.testing.assert_array_equal(driven[:-1], np.asarray(simulated.speed)[:, k])
+        assert np.abs(driven[:-1] - np.asarray(simulated.command)[:, k]).max() > 0.5
         sent = {time: message for time, message in found[f"/robot{k}/cmd_vel"]}
         force, source = (0.0, 0.0), begin
         for p in range(TICKS):

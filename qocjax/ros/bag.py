@@ -132,7 +132,7 @@ def _from_start(pose: np.ndarray) -> np.ndarray:
 def _motion(done: Any, robot: int, name: str, odom: np.ndarray, stamps: list[int]) -> Iterator[_Message]:
     """Odometry, localisation and commands of a robot."""
     frame, base = f"{name}/odom", f"{name}/base_footprint"
-    speed = getattr(done, "speed", done.command)[:, robot]
+    speed = done.speed[:, robot]
     ages = np.round(1e9 * np.asarray(done.age, np.float64)[:, robot]).astype(np.int64)
     last: tuple[int, tuple[float, ...]] = (stamps[0], (0.0, 0.0))
     for k, stamp in enumerate(stamps):
