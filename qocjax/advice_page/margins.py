@@ -39,11 +39,14 @@ def slack_lines(advice: Advice) -> list[str]:
         return [f"{alone}it would at no delay and F of the plane be so that {slack.target.text}, and collisions keep "
                 "their limit."]  # fmt: skip
     text = slack.target.text if slack.target.absolute else f"QoC is above {slack.level:.4f}"
+    longest, least = f"at F = {slack.reliability:.3g}", f"at a delay of {ms(slack.delay)} ms"
     return [
         f"{alone}it would be so that {text}, and collisions keep their limit,",
-        f"  up to a delay of {bound_text(slack.largest_delay)} ms at F = {slack.reliability:.3g}, and down to F = "
-        f"{bound_text(slack.smallest_reliability, 1.0)} at a delay of {ms(slack.delay)} ms.",
-    ]
+        ("  at no delay that was looked at" if slack.largest_delay.value is None else
+         f"  up to a delay of {bound_text(slack.largest_delay)} ms") + f" {longest}, and "
+        + ("at no F that was looked at" if slack.smallest_reliability.value is None else
+           f"down to F = {bound_text(slack.smallest_reliability, 1.0)}") + f" {least}.",
+    ]  # fmt: skip
 
 
 def sensitivity_lines(advice: Advice) -> list[str]:
