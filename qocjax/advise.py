@@ -64,7 +64,10 @@ def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None
         values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance()
         write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
         write_text(
-            folder / "nav2_params.yaml", nav2_text(advice, config.loop.build(), config.nav2 and Path(config.nav2))
+            folder / "nav2_params.yaml",
+            nav2_text(
+                advice, config.loop.build(), config.nav2 and Path(config.nav2), getattr(controller, "mppi", None)
+            ),
         )
         write_config(folder, config.model_dump())
         write_table(folder / "curve", advice.curve)

@@ -78,5 +78,8 @@ def test_advice_with_the_stack(composer: None, tmp_path: Path) -> None:
     kept = yaml.safe_load((tmp_path / "advice.yaml").read_text())
     assert set(kept["recommended"]) == {"v_max", "omega_max", "tau", "deadline"}
     fragment = (tmp_path / "nav2_params.yaml").read_text()
-    assert "surrogate law" not in fragment and "vx_max" in fragment
+    assert "surrogate law" not in fragment
+    told = yaml.safe_load(fragment)["controller_server"]["ros__parameters"]["FollowPath"]
+    assert (told["batch_size"], told["time_steps"], told["model_dt"]) == (40, 12, 0.1)
+    assert told["prune_distance"] == 2.5 and told["PathFollowCritic"]["cost_weight"] == 10.0
     assert np.isfinite(advice.judged["qoc"]).all()

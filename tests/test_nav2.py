@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,8 +25,9 @@ from qocjax.nav2 import Change, advised, fact, facts, merged, nav2_text, read_pa
 from qocjax.nav2.advised import setting
 from qocjax.nav2.command_line import with_nav2
 from qocjax.nav2.document import Document
-from qocjax.nav2.known import CRITICS, DWB, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL
+from qocjax.nav2.known import CRITICS, DWB, HANDLER, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL
 from qocjax.navigation import critics, path_critics
+from qocjax.navigation.stack import STACK_MPPI
 
 # As people keep them: comments, quotes, a list over two lines, a flow mapping, integers where Nav2 wants doubles.
 FILE = """\
@@ -131,7 +133,10 @@ def test_a_file_is_read() -> None:
     assert to_options(params) == {
         "loop.tau": 0.05, "robot.v_max": 0.8, "robot.omega_max": 1.5, "robot.radius": pytest.approx(0.5)}  # fmt: skip
     assert stack_options(params) == {
-        "controller.mppi.time_steps": 40, "controller.mppi.model_dt": 0.05,
+        "controller.mppi.time_steps": 40, "controller.mppi.model_dt": 0.05, "controller.mppi.prune_distance": 1.5,
+        "controller.mppi.critics.ConstraintCritic": None, "controller.mppi.critics.GoalCritic.cost_weight": 5.0,
+        "controller.mppi.critics.PathAlignCritic": None, "controller.mppi.critics.PathFollowCritic": None,
+        "controller.mppi.critics.PreferForwardCritic": None,
         "controller.inflation.inflation_radius": 0.7, "controller.xy_goal_tolerance": 0.2}  # fmt: skip
     assert params.unknown == (
         "Drive.PathAngleCritic: no such critic in the simulated stack", "Dock: my_robot::DockController")  # fmt: skip
@@ -150,6 +155,48 @@ def test_the_smoothers_accelerations_are_the_robots(accel: str, decel: str, expe
     text = FILE.replace("velocity_smoother:\n  ros__parameters:\n", given)
     found = to_options(read_params_of(text))
     assert tuple(found.get(f"robot.{name}") for name in ("ax_max", "ax_min", "az_max")) == expected
+
+
+def test_the_stack_has_the_critics_of_the_file(tmp_path: Path) -> None:
+    """Named and switched on, with the file's values, else with Nav2's own where the stack departs from them."""
+    named = """\
+      vx_std: 0.25
+      clamp_raw_controls: true
+      critics: ["ConstraintCritic", "ObstaclesCritic", "PathFollowCritic", "PreferForwardCritic", "GoalAngleCritic"]
+      PreferForwardCritic: {enabled: false, cost_weight: 1.0}
+      ConstraintCritic: {cost_weight: 3.0, cost_power: 2}
+"""
+    i, j = FILE.index("      critics: ["), FILE.index("      GoalCritic: {")
+    path = tmp_path / "nav2.yaml"
+    path.write_text(FILE[:i] + named + FILE[j:], encoding="utf-8")
+    arguments, notes = with_nav2([f"nav2={path}", "controller=navigation"])
+    assert "~controller.mppi.critics.PreferForwardCritic" in notes[0]
+    options = [each for each in arguments if not each.startswith("nav2=")]
+    with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        mppi = load(StudyConfig, compose("sweep", options)).controller.mppi.build(1.5)  # type: ignore[union-attr]
+    assert (mppi.vx_std, mppi.clamp_raw_controls, mppi.prune_distance) == (0.25, True, 1.5)
+    expected = {
+        critics.ConstraintCritic(cost_weight=3.0, cost_power=2), path_critics.PathFollowCritic(cost_weight=5.0),
+        critics.ObstaclesCritic(inflation_radius=0.7),
+    }  # fmt: skip
+    assert set(mppi.critics) == expected
+
+
+def test_a_fragment_has_what_the_simulated_stack_has_otherwise() -> None:
+    mppi = replace(STACK_MPPI, batch_size=500, critics=(critics.CostCritic(cost_power=2), critics.GoalCritic()))
+    found = leaves(yaml.safe_load(nav2_text(advice(0.05), Rules(), None, mppi)))
+    prefix = "controller_server.ros__parameters.FollowPath."
+    told = {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
+    assert told["critics"] == ["CostCritic", "GoalCritic"] and told["batch_size"] == 500
+    assert (told["CostCritic.cost_power"], told["prune_distance"], told["time_steps"]) == (2, 2.5, 56)
+    assert "vx_std" not in told and "GoalCritic.cost_weight" not in told and told["vx_max"] == 0.7
+
+
+def test_the_path_is_cut_where_the_path_handler_says() -> None:
+    handler = "    path_handler_plugins: [Handler]\n    Handler: {plugin: 'nav2_controller::FeasiblePathHandler'%s}\n"
+    for more, expected in (("", 2.0), (", prune_distance: 3.5", 3.5)):
+        text = FILE.replace("    goal:\n", handler % more + "    goal:\n", 1)
+        assert stack_options(read_params_of(text))["controller.mppi.prune_distance"] == expected
 
 
 def test_accelerations_are_read_whatever_their_signs() -> None:
@@ -292,7 +339,8 @@ def test_every_name_that_is_written_is_in_the_table_with_its_type() -> None:
         assert type(change.value) is kinds[known.type], change
     with pytest.raises(KeyError, match="velocity_smoother max_speed"):
         fact("velocity_smoother", "max_speed")
-    assert {each.plugin for each in facts() if each.plugin} == {MPPI, DWB, RPP, SHIM, INFLATION, SIMPLE_GOAL}
+    known = {MPPI, DWB, RPP, SHIM, INFLATION, SIMPLE_GOAL, HANDLER}
+    assert {each.plugin for each in facts() if each.plugin} == known
     assert all(hasattr(critics, name) or hasattr(path_critics, name) for name in CRITICS)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,20 +59,26 @@ def horizon(plugin: Plugin | None) -> float:
     return _of(plugin, "model_dt", _DT) * _of(plugin, "time_steps", _STEPS)
 
 
-def advised(best: Set, params: NavParams | None = None) -> list[Change]:
+def advised(best: Set, params: NavParams | None = None, simulated: Mapping[str, Value] | None = None) -> list[Change]:
     """The parameters to set.
 
     Args:
         best: What is advised.
         params: The user's file, whose caps are not raised: a robot that it keeps slower stays slower. None for
             parameters without a file, of MPPI under the name FollowPath.
+        simulated: What the stack that the advice was worked out with has otherwise than Nav2, of `stack_values`; read
+            without a file.
     """
     found = [Change("controller_server", "controller_frequency", 1.0 / best.tau, "1 / tau (1/s)")]
-    for plugin in params.controllers if params else (Plugin("FollowPath", MPPI, {}),):
+    for plugin in params.controllers if params else (Plugin("FollowPath", MPPI, simulated or {}),):
         found += _controller(best, plugin, params is not None)
     for shim in params.shims if params else ():
         name = "rotate_to_heading_angular_vel"
         found.append(_cap(shim, name, best.omega_max, True, "rad/s"))
+    if params is None:
+        done = {change.name for change in found}
+        found += [Change("controller_server", f"FollowPath.{name}", value, "as simulated")
+                  for name, value in (simulated or {}).items() if f"FollowPath.{name}" not in done]  # fmt: skip
     return [*found, *_smoother(best, params), *_base(best, params)]
 
 

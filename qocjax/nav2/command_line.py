@@ -23,10 +23,18 @@ def with_nav2(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     if not files or files[-1] in ("", "null"):
         return list(arguments), []
     params = read_params(files[-1])
-    options = to_options(params)
+    options: dict[str, float | None] = dict(to_options(params))
     if "controller=navigation" in arguments:
         options |= stack_options(params)
-    given = [f"{name}={value!r}" for name, value in options.items()]
-    notes = [f"{files[-1]} sets {', '.join(given) or 'nothing that is simulated'}"]
+    given = [_override(name, value) for name, value in options.items()]
+    notes = [f"{files[-1]} sets {', '.join(each.lstrip('+') for each in given) or 'nothing that is simulated'}"]
     notes += [f"{files[-1]}: left alone: {each}" for each in params.unknown]
     return [*given, *arguments], notes + [str(each) for each in params.remarks]
+
+
+def _override(name: str, value: float | None) -> str:
+    """As Hydra takes it: a critic's parameter need not be in the configuration, and one that is not there goes."""
+    if value is None:
+        return f"~{name}"
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return f"{'++' if '.critics.' in name else ''}{name}={text}"

@@ -11,8 +11,10 @@ import numpy as np
 from qocjax.nav2.advised import Set, advised, setting
 from qocjax.nav2.document import Document, source_text
 from qocjax.nav2.known import MPPI
+from qocjax.nav2.options import stack_values
 from qocjax.nav2.read import NavParams, params_of
 from qocjax.nav2.write import Change, decimal, merged
+from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.network.schedule import Rules
 from qocjax.study.advice import Advice
 
@@ -22,20 +24,21 @@ _BEGIN, _END = "# ---- notes of qocjax.advise ----", "# ---- end of these notes 
 _GAINS = {"kappa": "1/s", "gamma": "1/s", "eta": "", "c_miss": "m/s", "d_safe": "m"}
 
 
-def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None) -> str:
+def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None, mppi: MppiConfig | None = None) -> str:
     """The parameters of an advice as a parameter file of ROS 2, with comments on what has no parameter.
 
     Args:
         advice: What is advised.
         rules: Actuation and hold it was worked out under.
         source: The user's own file, or its text, to come back whole with what is advised; None for a fragment.
+        mppi: Of the navigation stack, if the advice was worked out with it; what it has otherwise than Nav2 is set.
 
     Raises:
         ValueError: The user's file cannot be read, or ROS's parser would refuse it; one line with file and line.
     """
     best = setting(advice, rules)
     if source is None:
-        changes = advised(best)
+        changes = advised(best, simulated=None if mppi is None else stack_values(mppi))
         return f"{_head(advice, best)}\n{merged('', changes).lstrip()}\n{_notes(advice, best, rules, None, changes)}"
     text, name, windows = source_text(source)
     if text.startswith("# From qocjax.advise"):  # its own file from before: the notes are written anew

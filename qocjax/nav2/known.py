@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-__all__ = ["CRITICS", "DWB", "INFLATION", "MPPI", "RPP", "SHIM", "SIMPLE_GOAL", "goal_checker"]
+__all__ = ["CRITICS", "DWB", "HANDLER", "INFLATION", "MPPI", "RPP", "SHIM", "SIMPLE_GOAL", "goal_checker"]
 
 MPPI = "nav2_mppi_controller::MPPIController"
 DWB = "dwb_core::DWBLocalPlanner"
 RPP = "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
 SHIM = "nav2_rotation_shim_controller::RotationShimController"
 INFLATION = "nav2_costmap_2d::InflationLayer"
+HANDLER = "nav2_controller::FeasiblePathHandler"  # from Lyrical on
 SIMPLE_GOAL = "nav2_controller::SimpleGoalChecker"
 
 CRITICS = frozenset({

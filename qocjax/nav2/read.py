@@ -12,7 +12,7 @@ import yaml
 from qocjax._reading import read_text
 from qocjax.nav2.document import Document, Found, Value
 from qocjax.nav2.facts import Fact, facts, plugins_of
-from qocjax.nav2.known import CRITICS, DWB, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL, goal_checker
+from qocjax.nav2.known import CRITICS, DWB, HANDLER, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL, goal_checker
 
 __all__ = ["NavParams", "Plugin", "params_of", "read_params"]
 
@@ -41,6 +41,7 @@ class NavParams:
         shims: Rotation shims.
         goal: The first goal checker, if its class is known.
         inflation: The inflation of the local costmap.
+        handler: The first path handler, if its class is known; Nav2 has them from Lyrical on.
         unknown: Plugins and critics that mean nothing here, and why.
         remarks: What Nav2 would refuse or take otherwise, with lines.
     """
@@ -52,6 +53,7 @@ class NavParams:
     shims: tuple[Plugin, ...]
     goal: Plugin | None
     inflation: Plugin | None
+    handler: Plugin | None
     unknown: tuple[str, ...]
     remarks: tuple[str, ...]
 
@@ -141,7 +143,8 @@ def params_of(document: Document) -> NavParams:
     return NavParams(
         path=document.name, namespace=spaces[0], values=values, controllers=controllers, shims=shims,
         goal=reader.goal(values.get((_NODES[0], "goal_checker_plugins"), ["goal_checker"])),
-        inflation=reader.inflation(), unknown=tuple(reader.unknown), remarks=tuple(reader.remarks),
+        inflation=reader.inflation(), handler=reader.handler(), unknown=tuple(reader.unknown),
+        remarks=tuple(reader.remarks),
     )  # fmt: skip
 
 
@@ -207,6 +210,13 @@ class _Reader:
             if goal_checker(kind):
                 return Plugin(str(name), kind, self.values(_NODES[0], SIMPLE_GOAL, f"{name}."))
             self.unknown.append(f"{name}: {kind or 'no plugin is given'}")
+        return None
+
+    def handler(self) -> Plugin | None:
+        names = self.find(_NODES[0], "path_handler_plugins")
+        for name in names.value[:1] if names and isinstance(names.value, list) else []:
+            if self.kind(_NODES[0], str(name)) == HANDLER:
+                return Plugin(str(name), HANDLER, self.values(_NODES[0], HANDLER, f"{name}."))
         return None
 
     def inflation(self) -> Plugin | None:
