@@ -161,6 +161,18 @@ def test_shares_of_stretches_have_wider_intervals() -> None:
     assert wide.mean == 0.1 and wide.high > share(together).high and wide.low < share(together).low
 
 
+def test_a_hit_makes_no_share_less_uncertain() -> None:
+    """The upper end grows with the number of hits, from none on."""
+    units, rng = np.repeat(np.arange(8), 32), np.random.default_rng(4)
+    like = np.repeat(rng.normal(size=8), 32) + rng.normal(size=256)
+    hits = np.zeros(256)
+    upper = [share(hits, units, like=like).high]
+    for place in rng.permutation(256)[:12]:
+        hits[place] = 1.0
+        upper.append(share(hits, units, like=like).high)
+    assert (np.diff(upper[:10]) > 0).all() and upper[0] < share(np.zeros(256), units).high
+
+
 def test_bootstrap_samples_draw_whole_stretches() -> None:
     units = np.repeat(np.arange(10), 5)
     drawn = resampled(50, units, 200)

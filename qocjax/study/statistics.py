@@ -16,6 +16,9 @@ __all__ = [
 ]  # fmt: skip
 
 
+_FEW = 10  # hits, or misses, from which their spread over units is their own
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A mean over seeds with its standard error and confidence interval."""
@@ -114,7 +117,8 @@ def share(
 
     Where seeds share units it is that of as many independent seeds as have the same error, less for the few units that
     it is known from (Korn and Graubard, 1998). Where it happened never or always its own error says nothing: then that
-    of other values of the same runs does, and without any only units count.
+    of other values of the same runs does, and without any only units count. Where it happened, or did not, fewer than
+    ten times, both are asked and the wider counts: one hit is in one unit, whatever the units are.
 
     Args:
         hits: Whether it happened, by seed.
@@ -129,7 +133,9 @@ def share(
     mean, of, known = float(found.mean()), float(found.size), _grouped(units, found.size)[0]
     se = float(standard_error(found, units=units))
     if known < found.size:
-        of = _effective(found if se > 0.0 or like is None else np.asarray(like, np.float64), units, known)
+        few = min(found.sum(), found.size - found.sum()) < _FEW and like is not None
+        asked = [*([found] if se > 0.0 or like is None else []), *([np.asarray(like, np.float64)] if few else [])]
+        of = min(_effective(values, units, known) for values in asked)
         of = max(of * (student(found.size) / student(known)) ** 2, 1.0)
     tail, count = (1.0 - confidence) / 2.0, mean * of
     low = float(special.betaincinv(count, of - count + 1.0, tail)) if count > 0.0 else 0.0
