@@ -48,8 +48,6 @@ def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None
         ValueError: A value of the configuration is out of range, or nothing can be advised.
     """
     options, network, controller = config.advise, config.build_network(), config.build_controller()
-    if getattr(controller, "predict", False):  # only for commands that take effect at the deadline
-        raise ValueError("controller.predict: got true, expected false: advice also tries commands that act on arrival")
     _checks.bounded("advise.tau_ms", options.tau_ms, above=0)
     taus = [ms / 1e3 for ms in options.tau_ms]
     config.check_rate(network, min([config.loop.tau, *taus]))

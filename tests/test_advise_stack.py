@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,12 @@ from qocjax import Design, Scenario, paper_network
 from qocjax.advise import page, run
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
+from qocjax.navigation import NavigationStack, open_floor
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.study.advice_plan import plan_of
+from qocjax.study.assumptions import _alternatives
+from qocjax.study.objective import Objective
 from qocjax.study.shortlist import Effort
 from qocjax.study.slack import Asked
 
@@ -60,12 +64,20 @@ def test_deadlines_are_thinned_out_evenly() -> None:
 
 
 def test_what_it_cannot_do_is_refused(composer: None) -> None:
-    with pytest.raises(ValueError, match=r"controller.predict: got true, expected false"):
-        run(config("controller.predict=true"))
+    with pytest.raises(ValueError, match=r"actuation: got 'arrival' with predict=True, expected 'deadline'"):
+        run(config("controller.predict=true", "loop.actuation=arrival"))
     with pytest.raises(ValueError, match=r"kappa: got several values, but the navigation stack does not read it"):
         run(config("advise.bounds.kappa=[1,2]", *TINY))
     with pytest.raises(ValueError, match=r"deadlines: got 2, expected"):
         run(config("advise.deadlines=2"))
+
+
+def test_a_prediction_is_left_out_where_commands_act_as_they_come() -> None:
+    stack = NavigationStack(open_floor(Scenario()), predict=True)
+    goal = Objective(Scenario(), paper_network(), QocScale(3.0, 30.0), controller=stack)
+    (assumed, instead, other), *_ = _alternatives(goal).values()
+    assert (assumed[:5], instead[:5]) == ("at st", "as th") and other.rules.actuation == "arrival"
+    assert other.controller == replace(stack, predict=False) and goal.controller.predict
 
 
 @pytest.mark.slow

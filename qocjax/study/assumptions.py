@@ -51,8 +51,8 @@ def otherwise(
         choice: Seeds on which the deadline is chosen.
         fresh: Seeds on which it is judged.
     """
-    rules = replace(objective.rules, actuation=_OTHER[objective.rules.actuation])
-    setting = replace(objective, rules=rules, simulations=0)
+    setting = replace(_other_actuation(objective), simulations=0)
+    rules = setting.rules
     scores = setting.scores(along_deadlines(design, axis), choice)
     best = float(axis[int(scores.mean(axis=1).argmax())])
     runs = setting.runs(stacked([design, replace(design, deadline=best)]), fresh)
@@ -62,6 +62,14 @@ def otherwise(
         rules.actuation, judged[0].mean(), share(runs["collided"].values[0], judged.units), best,
         (judged[1] - judged[0]).mean(),
     )  # fmt: skip
+
+
+def _other_actuation(objective: Objective) -> Objective:
+    """The setting with the other actuation; a prediction of when commands take effect is of no use there."""
+    rules, controller = objective.rules, objective.controller
+    if getattr(controller, "predict", False):
+        controller = replace(controller, predict=False)  # type: ignore[type-var]
+    return replace(objective, rules=replace(rules, actuation=_OTHER[rules.actuation]), controller=controller)
 
 
 def assumption_table(objective: Objective, design: Design, seeds: Sequence[int], limit: float) -> pd.DataFrame:
@@ -97,12 +105,11 @@ def assumption_table(objective: Objective, design: Design, seeds: Sequence[int],
 
 def _alternatives(objective: Objective) -> dict[str, tuple[str, str, Objective]]:
     """For each assumption what is assumed, what may be so instead, and the setting then."""
-    rules = objective.rules
-    other = replace(rules, actuation=_OTHER[rules.actuation])
+    rules, other = objective.rules, _other_actuation(objective)
     missed = replace(rules, hold="timeout" if rules.hold == "hold" else "hold")
     found = {
         "when commands take effect": (
-            _TAKE_EFFECT[rules.actuation], _TAKE_EFFECT[other.actuation], replace(objective, rules=other)
+            _TAKE_EFFECT[rules.actuation], _TAKE_EFFECT[other.rules.actuation], other
         ),
         "what a missed loop does": (_miss_text(rules), _miss_text(missed), replace(objective, rules=missed)),
     }  # fmt: skip
