@@ -76,7 +76,7 @@ class _State:
 
     pose: Pose
     applied: Command  # the command in force, before any hold gain
-    speed: Command  # at which the robot drives at t_p; where it obeys at once, the last command
+    speed: Command | None  # at which the robot drives at t_p, None where nothing reads it; the last command if obeyed
     error: tuple[Array, Array]  # disagreement delta at t_p
     tally: Tally
     memory: Any  # the controller's
@@ -126,7 +126,8 @@ def run_closed_loop(
     still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
     task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.acceleration)
     memory = plan.controller.begin(task, pose, keys)
-    state = _State(pose, still, still, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
+    kept = still if scenario.acceleration is not None or plan.controller.sees_speed else None
+    state = _State(pose, still, kept, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
     tick = _Tick(scenario, task, mid_tick, plan)
     loop = Loop(tick.sample, tick.act, still)
     if plan.slots == 0:
@@ -187,12 +188,13 @@ class _Tick:
         pose = arc(state.pose, command, h, self.plan.math)
         error = (pose.x - reference[0], pose.y - reference[1])
         tally = state.tally.over_piece(self.scenario, (state.error, error), (state.pose, pose), command, h)
-        return replace(state, pose=pose, applied=applied, speed=command, error=error, tally=tally)
+        speed = None if state.speed is None else command
+        return replace(state, pose=pose, applied=applied, speed=speed, error=error, tally=tally)
 
     def _drive(self, state: _State, command: Command, h: Array, reference: tuple[Array, Array]) -> _State:
         """The same where speeds take time to follow the command."""
         limits = self.scenario.acceleration
-        assert limits is not None  # for the type checker
+        assert limits is not None and state.speed is not None  # for the type checker
         start = (state.pose.x - state.error[0], state.pose.y - state.error[1])
         left, per_second = h, 1.0 / jnp.where(h > 0, h, 1.0)
         for part in parts(state.speed, command, h, limits):

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from cases import DEADLINES, HOLD_OPTIONS, MODES, a_case, assert_same_run
+from cases import DEADLINES, HOLD_OPTIONS, MODES, GivenNetwork, a_case, assert_same_run
 from hydra import compose, initialize_config_dir
 from scipy.integrate import solve_ivp
 
-from qocjax import Acceleration, Design, Scenario, evaluate, paper_network, simulate
+from qocjax import Acceleration, Design, Scenario, evaluate, gradient, paper_network, simulate
 from qocjax._math import EXACT
 from qocjax.acceleration import drive, parts
 from qocjax.config import conf_dir, load
@@ -104,17 +104,18 @@ def test_batches_and_float32_are_the_single_run() -> None:
     assert (both[0]["auc"] > free["auc"]).all()
 
 
-def test_gradients() -> None:
-    scenario = Scenario(acceleration=SLOW, horizon=1.5)
-    times = np.random.default_rng(5).uniform(0.05, 0.25, (15, 2))
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
+def test_gradients(mode: str) -> None:
+    scenario, at, step = Scenario(acceleration=SLOW, horizon=1.5, start_jitter=(0.0, 0.0)), np.array([0.1, 2.1]), 1e-6
 
-    def auc(gains: jax.Array) -> jax.Array:
-        return simulate(scenario, Design(kappa=gains[0], gamma=gains[1], tau=0.1, deadline=0.17), times).auc.sum()
+    def designs(points: np.ndarray) -> Design:
+        return Design(kappa=points[:, 0], gamma=points[:, 1], tau=0.1, deadline=0.17)
 
-    at, step = jnp.array([1.3, 2.1]), 1e-6
-    value, slope = jax.jit(auc), jax.jit(jax.grad(auc))(at)
-    finite = [(value(at + d) - value(at - d)) / (2 * step) for d in step * jnp.eye(2)]
-    np.testing.assert_allclose(slope, finite, rtol=1e-5, atol=1e-6)
+    found = gradient(scenario, designs(at[None]), GivenNetwork(), [0], mode=mode, dtype=jnp.float64)
+    slope = [float(found[f"d_auc_{name}"].sum()) for name in ("kappa", "gamma")]
+    ends = at + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    auc = evaluate(scenario, designs(ends), GivenNetwork(), [0], dtype=jnp.float64)["auc"].values.mean(axis=(1, 2))
+    np.testing.assert_allclose(slope, (auc[::2] - auc[1::2]) / (2 * step), rtol=1e-5, atol=1e-6)
 
 
 def test_an_arc_is_the_limit_of_a_drive() -> None:

@@ -26,6 +26,7 @@ class Apf:
 
     costly = False
     unread = ()
+    sees_speed = False
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
         """It can do everything."""

@@ -34,7 +34,7 @@ class Sight(NamedTuple):
     tick: Array  # p
     pose: Pose  # sampled, each field [N, *B]
     age: Array  # of information, broadcastable to [N, *B] (s)
-    speed: Command  # at which the robots drive as t_p is reached, each field [N, *B]
+    speed: Command | None  # at which they drive as t_p is reached, each field [N, *B]; None where it is not kept
 
 
 class Controller(Protocol):
@@ -43,6 +43,7 @@ class Controller(Protocol):
     Attributes:
         costly: Whether a command takes so long that no run may be simulated for filling up a batch.
         unread: Values of a design that it does not read.
+        sees_speed: Whether it reads at what speed robots drive; else the loop need not keep it.
     """
 
     @property
@@ -53,6 +54,11 @@ class Controller(Protocol):
     @property
     def unread(self) -> tuple[str, ...]:
         """Values of a design that it does not read."""
+        ...
+
+    @property
+    def sees_speed(self) -> bool:
+        """Whether it reads at what speed robots drive."""
         ...
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:

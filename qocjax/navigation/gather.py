@@ -40,6 +40,7 @@ def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> 
     pose, shape = sight.pose, sight.pose.x.shape
     spread = lambda value: jnp.broadcast_to(jnp.asarray(value, pose.x.dtype), shape)  # noqa: E731
     sampled = jnp.stack([pose.x, pose.y, pose.heading])
+    assert sight.speed is not None  # as it sees speeds; for the type checker
     begin, speed = _predicted(task, memory, sight) if stack.predict else (sampled, sight.speed)
     design = task.design
     keys = jax.vmap(lambda words: jax.random.fold_in(jax.random.wrap_key_data(words), sight.tick))
@@ -83,6 +84,7 @@ def _obstacles(stack: NavigationStack, task: Task, memory: Memory, sight: Sight,
 
 def _predicted(task: Task, memory: Memory, sight: Sight) -> tuple[Array, Command]:
     """Poses [3, N, *B] and speeds when the commands of this instant take effect, if no loop is missed until then."""
+    assert sight.speed is not None  # for the type checker
     sampled = jnp.stack([sight.pose.x, sight.pose.y, sight.pose.heading])
     under_way = lax.dynamic_slice_in_dim(memory.sent, sight.tick, task.slots)
     ago = task.slots - jnp.arange(task.slots)  # sampling periods

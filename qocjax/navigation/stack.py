@@ -99,6 +99,7 @@ class NavigationStack:
     backup_dist: float = 0.3
 
     costly = True
+    sees_speed = True
     unread = ("eta", "kappa", "gamma", "c_miss", "d_safe")
 
     def __post_init__(self) -> None:
