@@ -144,17 +144,43 @@ def test_a_file_is_read() -> None:
     assert remark == "file.yaml:18: Drive.vx_max is 1; Nav2 declares it double and refuses this"
 
 
-@pytest.mark.parametrize(
-    ("accel", "decel", "expected"),
-    [("[2.5, 0.0, 3.2]", "[-2.0, 0.0, -3.0]", (2.5, -2.0, 3.0)),
-     ("[1.0, 0.0, 0.0, 0.0, 0.0, 3.2]", "[-2.0, 0.0, 0.0, 0.0, 0.0, -4.0]", (1.0, -2.0, 3.2)),
-     ("[2.5, 0.0, 3.2]", "[2.0, 0.0, -3.0]", (2.5, None, 3.0))],
-)  # fmt: skip
-def test_the_smoothers_accelerations_are_the_robots(accel: str, decel: str, expected: tuple) -> None:
-    given = f"velocity_smoother:\n  ros__parameters:\n    max_accel: {accel}\n    max_decel: {decel}\n"
-    text = FILE.replace("velocity_smoother:\n  ros__parameters:\n", given)
+SMOOTHER = "velocity_smoother:\n  ros__parameters:\n"
+
+
+def test_the_smoothers_accelerations_are_the_robots(tmp_path: Path) -> None:
+    limits = "    max_accel: [2.5, 0.0, 3.2]\n    max_decel: [-2.0, 0.0, -3.0]\n"
+    path = tmp_path / "nav2.yaml"
+    path.write_text(text := FILE.replace(SMOOTHER, SMOOTHER + limits), encoding="utf-8")
     found = to_options(read_params_of(text))
-    assert tuple(found.get(f"robot.{name}") for name in ("ax_max", "ax_min", "az_max")) == expected
+    assert tuple(found[f"robot.{name}"] for name in ("ax_max", "ax_min", "az_max")) == (2.5, -2.0, 3.0)
+    arguments, _ = with_nav2([f"nav2={path}", "robot=turtlebot4"])  # which does no more than its maker says
+    assert {"robot.ax_max=0.9", "robot.ax_min=-0.9", "robot.az_max=3.0", "robot.v_max=0.306"} < set(arguments)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [("max_accel: [-2.5, 0.0, 3.2]", r"max_accel: got \[-2.5, 0.0, 3.2\], expected none below 0"),
+     ("max_decel: [2.5, 0.0, -3.2]", r"max_decel: got \[2.5, 0.0, -3.2\], expected none above 0"),
+     ("max_accel: [0.0, 0.0, 0.0]", r"max_accel: got \[0.0, 0.0, 0.0\], expected x and turn above 0"),
+     ("max_accel: [2.5, 3.2]", r"max_accel: got 2 numbers, expected 3"),
+     ("max_decel: [-2.5, 0.0, 0.0, 0.0, 0.0, -3.2]", r"max_decel: got 6 numbers, expected 3 .* as many for all")],
+)  # fmt: skip
+def test_limits_that_nav2_refuses_are_refused(limits: str, message: str) -> None:
+    with pytest.raises(ValueError, match=rf"file.yaml:\d+: {message}"):
+        read_params_of(FILE.replace(SMOOTHER, f"{SMOOTHER}    {limits}\n"))
+
+
+def test_where_the_stack_is_not_the_files_is_said(tmp_path: Path) -> None:
+    def notes(text: str) -> str:
+        (tmp_path / "nav2.yaml").write_text(text, encoding="utf-8")
+        return "\n".join(with_nav2([f"nav2={tmp_path / 'nav2.yaml'}", "controller=navigation", "robot.v_max=0.2"])[1])
+
+    assert "its controller is DWBLocalPlanner; the simulated stack is MPPI" in notes(FILE.replace(MPPI, DWB))
+    i, j = FILE.index("      critics: ["), FILE.index("      GoalCritic: {")
+    said = notes(FILE[:i] + FILE[j:])
+    assert "Drive names no critic that is simulated; the stack keeps its own" in said and "robot.v_max" not in said
+    handler = "    path_handler_plugins: [H]\n    H: {plugin: 'my::Handler'}\n    goal:\n"
+    assert "left alone: H: my::Handler" in notes(FILE.replace("    goal:\n", handler, 1))
 
 
 def test_the_stack_has_the_critics_of_the_file(tmp_path: Path) -> None:
@@ -421,7 +447,7 @@ def test_a_file_on_the_command_line_stands_for_options(tmp_path: Path) -> None:
     given = [f"nav2={path}", "robot.v_max=0.3"]
     found, notes = with_nav2(given)
     assert found == ["loop.tau=0.04", "robot.v_max=0.4", "robot.omega_max=1.5", *given]
-    assert notes[0] == f"{path} sets loop.tau=0.04, robot.v_max=0.4, robot.omega_max=1.5"
+    assert notes[0] == f"{path} sets loop.tau=0.04, robot.omega_max=1.5"  # the speed is given by hand
     assert any("NewCritic" in note and "left alone" in note for note in notes[1:])
     stack, _ = with_nav2([*given, "controller=navigation"])
     assert "controller.mppi.time_steps=40" in stack

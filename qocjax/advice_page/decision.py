@@ -123,7 +123,8 @@ def present_lines(advice: Advice) -> list[str]:
     """Whether the present deadline is acceptable, with the present gains."""
     margin, now, rest = advice.current_margin, advice.judged.iloc[0], advice.judged.iloc[1]
     close, target = f"{collisions_text(now)} of its runs collide", advice.target.text
-    so = "this, and collisions in the limit," if margin.safe else "this, but not collisions in the limit,"
+    so = {"kept": "this, and collisions in the limit,", "not shown": "this, and collisions not shown to break it,",
+          "broken": "this, but not collisions in the limit,"}[margin.safety]  # fmt: skip
     where = (
         f"{so} from {bound_text(margin.low)} to {bound_text(margin.high)} ms"
         if margin.reached

@@ -20,9 +20,12 @@ def margin_lines(advice: Advice) -> list[str]:
     if not margin.reached:
         return [f"MARGIN  None: with the recommended gains there is no deadline at which {target.text}; the best is "
                 f"{margin.best_text}."]  # fmt: skip
-    safe = "but collisions break their limit,"
-    if margin.safe:
-        safe = f"and collisions keep {advice.max_collision_share:.1%} by the upper end of their interval,"
+    limit = f"{advice.max_collision_share:.1%}"
+    safe = {
+        "kept": f"and collisions keep {limit} by the upper end of their interval,",
+        "not shown": f"and collisions are not shown to break {limit},",
+        "broken": "but collisions break their limit,",
+    }[margin.safety]
     return [
         f"MARGIN  With the recommended gains {target.text}, {safe}",
         f"  for deadlines from {bound_text(margin.low)} to {bound_text(margin.high)} ms.",

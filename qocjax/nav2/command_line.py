@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+import yaml
+
+from qocjax.config.part import conf_dir
+from qocjax.nav2.known import CRITICS, MPPI
 from qocjax.nav2.options import stack_options, to_options
-from qocjax.nav2.read import read_params
+from qocjax.nav2.read import NavParams, read_params
 
 __all__ = ["with_nav2"]
 
@@ -23,13 +27,44 @@ def with_nav2(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     if not files or files[-1] in ("", "null"):
         return list(arguments), []
     params = read_params(files[-1])
-    options: dict[str, float | None] = dict(to_options(params))
-    if "controller=navigation" in arguments:
+    options: dict[str, float | None] = _no_more_than_the_robot(to_options(params), arguments)
+    stack = "controller=navigation" in arguments
+    if stack:
         options |= stack_options(params)
-    given = [_override(name, value) for name, value in options.items()]
-    notes = [f"{files[-1]} sets {', '.join(each.lstrip('+') for each in given) or 'nothing that is simulated'}"]
+    given = {name: _override(name, value) for name, value in options.items()}
+    by_hand = {each.partition("=")[0] for each in arguments}
+    sets = ", ".join(text.lstrip("+") for name, text in given.items() if name not in by_hand)
+    notes = [f"{files[-1]} sets {sets or 'nothing that is simulated'}"]
     notes += [f"{files[-1]}: left alone: {each}" for each in params.unknown]
-    return [*given, *arguments], notes + [str(each) for each in params.remarks]
+    notes += [f"{files[-1]}: {each}" for each in (_on_the_stack(params) if stack else [])]
+    return [*given.values(), *arguments], notes + [str(each) for each in params.remarks]
+
+
+def _no_more_than_the_robot(options: Mapping[str, float], arguments: Sequence[str]) -> dict[str, float | None]:
+    """Caps and accelerations of a file, but no more than what a robot can do that was named by hand."""
+    found: dict[str, float | None] = dict(options)
+    named = [each.partition("=")[2] for each in arguments if each.startswith("robot=")]
+    place = conf_dir() / "robot" / f"{named[-1]}.yaml" if named else None
+    if place is None or not place.is_file():
+        return found
+    robot = yaml.safe_load(place.read_text(encoding="utf-8"))
+    for name in ("v_max", "omega_max", "ax_max", "ax_min", "az_max"):
+        own, given = robot.get(name), options.get(f"robot.{name}")
+        if own is not None and given is not None:
+            found[f"robot.{name}"] = min(given, own, key=abs)
+    return found
+
+
+def _on_the_stack(params: NavParams) -> list[str]:
+    """Where the simulated stack is not the file's controller."""
+    first = params.controllers[0] if params.controllers else None
+    if first is None or first.kind != MPPI:
+        kind = "not known" if first is None else first.kind.rpartition("::")[2]
+        return [f"its controller is {kind}; the simulated stack is MPPI, with values of its own"]
+    named = first.values.get("critics")
+    if not isinstance(named, list) or not any(name in CRITICS for name in named):
+        return [f"{first.name} names no critic that is simulated; the stack keeps its own"]
+    return []
 
 
 def _override(name: str, value: float | None) -> str:

@@ -140,6 +140,7 @@ def params_of(document: Document) -> NavParams:
             if found.name == "cmd_vel_timeout":
                 known = facts("diff_drive_controller")[0]
                 values["/".join(section.path), "cmd_vel_timeout"] = reader.checked(found, known)
+    reader.check_smoother(values)
     return NavParams(
         path=document.name, namespace=spaces[0], values=values, controllers=controllers, shims=shims,
         goal=reader.goal(values.get((_NODES[0], "goal_checker_plugins"), ["goal_checker"])),
@@ -204,6 +205,32 @@ class _Reader:
                 self.unknown.append(f"{name}: {kind or 'no plugin is given'}")
         return tuple(controllers), tuple(shims)
 
+    def check_smoother(self, values: Mapping[tuple[str, str], Value]) -> None:
+        """Refuses limits of the velocity smoother that Nav2 refuses, and those at which the robot cannot move."""
+        node, length = "velocity_smoother", 3
+        for name in ("max_velocity", "min_velocity", "max_accel", "max_decel"):
+            limits = values.get((node, name))
+            if not isinstance(limits, list):
+                continue
+            numbers, line = [float(each) for each in limits], self.line_of(node, name)
+            if name == "max_velocity":
+                length = len(numbers)
+            if len(numbers) not in (3, 6) or len(numbers) != length:
+                raise self.document.fail(line, f"{name}: got {len(numbers)} numbers, expected 3 (x, y, turn) or 6, as "
+                                         "many for all limits")  # fmt: skip
+            if name in ("max_accel", "max_decel"):
+                sign, words = (1.0, "above") if name == "max_accel" else (-1.0, "below")
+                if any(sign * each < 0 for each in numbers):
+                    raise self.document.fail(line, f"{name}: got {numbers}, expected none "
+                                             f"{'below' if sign > 0 else 'above'} 0")  # fmt: skip
+                if not (numbers[0] and numbers[-1]):
+                    raise self.document.fail(line, f"{name}: got {numbers}, expected x and turn {words} 0, or the "
+                                             "robot cannot change its speed")  # fmt: skip
+
+    def line_of(self, node: str, name: str) -> int:
+        found = self.find(node, name)
+        return found.line if found else 1
+
     def goal(self, names: Value) -> Plugin | None:
         for name in names[:1] if isinstance(names, list) else []:
             kind = self.kind(_NODES[0], str(name))
@@ -215,8 +242,10 @@ class _Reader:
     def handler(self) -> Plugin | None:
         names = self.find(_NODES[0], "path_handler_plugins")
         for name in names.value[:1] if names and isinstance(names.value, list) else []:
-            if self.kind(_NODES[0], str(name)) == HANDLER:
+            kind = self.kind(_NODES[0], str(name))
+            if kind == HANDLER:
                 return Plugin(str(name), HANDLER, self.values(_NODES[0], HANDLER, f"{name}."))
+            self.unknown.append(f"{name}: {kind or 'no plugin is given'}")
         return None
 
     def inflation(self) -> Plugin | None:

@@ -89,7 +89,8 @@ def trace_of(run: RecordedRun, source: str, period: float | None = None) -> Trac
         ValueError: It has no loops, or those of several robots.
     """
     if len(run.loops) != 1:
-        raise ValueError(f"{source}: {_without_loops(run)}; expected the loop times of one robot")
+        several = ", as python -m qocjax.ingest writes for each" if run.loops else ""
+        raise ValueError(f"{source}: {_without_loops(run)}; expected the loop times of one robot{several}")
     (trace,) = run.loops.values()
     found = [f"{each.count} {each.cause}" for each in run.findings]
     if found:

@@ -83,9 +83,9 @@ def curves_of(
         close = [share(hits, scores.units, like=usual) for hits in collided[which]]
         table |= {f"collision_{name}": [e.mean for e in close], f"collision_{name}_low": [e.low for e in close],
                   f"collision_{name}_high": [e.high for e in close]}  # fmt: skip
-        safe = min(each.high for each in close) <= limit
+        safety = "kept" if min(each.high for each in close) <= limit else "not shown"
         excess = collision_excess(collided[which], limit, scores.units, usual)
-        if not safe and min(each.mean for each in close) > limit:
-            excess = np.zeros(axis.size)
-        margins.append(replace(deadline_margin(axis, merits[which], target, scores.units, excess), safe=safe))
+        if min(each.low for each in close) > limit:
+            safety, excess = "broken", np.zeros(axis.size)
+        margins.append(replace(deadline_margin(axis, merits[which], target, scores.units, excess), safety=safety))
     return pd.DataFrame(table), (margins[0], margins[1])

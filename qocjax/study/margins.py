@@ -23,7 +23,9 @@ class Margin:
     merit: Estimate  # its mean there
     low: Bound  # s
     high: Bound  # s
-    safe: bool = True  # whether collisions keep their limit between them, by the upper end of their share
+    safety: str = (
+        "kept"  # whether collisions keep their limit between them: kept, not shown, or broken at every deadline
+    )
 
     @property
     def reached(self) -> bool:

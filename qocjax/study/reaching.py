@@ -36,6 +36,7 @@ def reach(
     target: float,
     units: np.ndarray | None = None,
     excess: np.ndarray | None = None,
+    contiguous: bool = False,
 ) -> Bound:
     """The last value of an ascending axis [C] at which mean scores [C, S] still reach a target, linear in between.
 
@@ -48,6 +49,7 @@ def reach(
         target: To reach.
         units: [S] Labels of the seeds, see `units_of`.
         excess: [C] By how much something else breaks its limit, which has to be kept too.
+        contiguous: Whether the first of the axis and all in between have to reach it.
 
     Raises:
         ValueError: Shapes that do not fit, or an axis that does not ascend from 0 or more.
@@ -56,7 +58,10 @@ def reach(
     if table.ndim != 2 or values.shape != table.shape[:1] or not np.all(np.diff(values, prepend=-1e-12) > 0):
         raise ValueError(f"axis: got {values.shape} for scores {table.shape}, expected ascending [C] for [C, S]")
     return bound_of(
-        table, lambda means: last_reached(values, means, target, NONE_BELOW, excess=excess), values[-1], units
+        table,
+        lambda means: last_reached(values, means, target, NONE_BELOW, excess=excess, contiguous=contiguous),
+        values[-1],
+        units,
     )
 
 

@@ -159,7 +159,8 @@ def largest_growth(objective: Objective, design: Design, seeds: Sequence[int], t
     merits = np.stack([
         target.merits(*on_network(objective, other, stacked([design]), seeds))[0] for other in slower
     ])  # fmt: skip
-    return reach(GROWTHS, target.beyond(merits, merits[0]), 0.0, objective.units(seeds, design.tau))
+    # Robots that get no command any more stand, far apart: what is lost on the way counts.
+    return reach(GROWTHS, target.beyond(merits, merits[0]), 0.0, objective.units(seeds, design.tau), contiguous=True)
 
 
 def on_network(

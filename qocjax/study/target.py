@@ -107,7 +107,7 @@ def collision_excess(
 ) -> np.ndarray:
     """By how much the upper end of the share of runs with a collision passes its limit, [G]; 0 or less if it keeps it.
 
-    Where none keeps it, the end of those that collide the least is the limit.
+    Where none is shown to keep it, the lower end: those count that are not shown to break it.
 
     Args:
         collided: [G, S] Which runs collided.
@@ -115,6 +115,6 @@ def collision_excess(
         units: [S] Labels of the seeds, see `units_of`.
         usual: [S] What else the seeds gave, see `share`.
     """
-    upper = np.array([share(hits, units, like=usual).high for hits in collided])
-    close = np.mean(collided, axis=-1)
-    return upper - (limit if upper.min() <= limit else float(upper[close == close.min()].max()))
+    found = [share(hits, units, like=usual) for hits in collided]
+    kept = min(each.high for each in found) <= limit
+    return np.array([each.high if kept else each.low for each in found]) - limit
