@@ -149,25 +149,29 @@ def test_submessages_of_user_data() -> None:
     assert list(submessages(bytes(60))) == list(submessages(b"")) == []
 
 
-@pytest.mark.parametrize("actuation", ["arrival", "deadline"])
-def test_robots_move_as_in_the_simulator(actuation: str) -> None:
+@pytest.mark.parametrize(("actuation", "hold"), [("arrival", "hold"), ("deadline", "hold"), ("deadline", "zero")])
+def test_robots_move_as_in_the_simulator(actuation: str, hold: str) -> None:
     """Robots and law, driven by given loop times, give the trajectory and the AUC of `simulate`."""
-    config = read_config([f"loop.actuation={actuation}", "scenario.horizon=4.0", "deadline_ms=110"])
+    config = read_config(
+        [f"loop.actuation={actuation}", f"loop.hold={hold}", "scenario.horizon=4.0", "deadline_ms=110"]
+    )
     plan, scenario = config.build_plan(False, Path()), config.build_scenario()
     times = np.array(network(IndependentLoss(0.2), ShiftedGamma(0.02, 2.0, 0.02)).draw(
         jax.random.key(3), plan.num_ticks, 2, TAU
     ))  # fmt: skip
-    robots, law, poses = Robots(plan), law_of(plan), []
+    robots, law, poses, coming = Robots(plan), law_of(plan), [], []
     for tick in range(plan.num_ticks):
-        robots.advance(tick * plan.tau, plan.tau)
+        for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
+            robots.command(*each)
+        coming = [each for each in coming if each[0] > tick * plan.tau]
+        robots.advance(tick * plan.tau)
         poses.append(robots.poses())
         speeds = law(poses[-1].ravel().tolist(), robots.ages())
         for robot in np.flatnonzero(np.isfinite(times[tick])):
-            due = plan.due(tick, tick * plan.tau + round(times[tick, robot] * 1e9))
-            if due is not None:
-                robots.command(due, int(robot), tick, tuple(speeds[:, robot]))
-    robots.advance(round(plan.horizon * 1e9), plan.tau)
-    run = simulate(scenario, plan.as_design(), times, actuation)
+            arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
+            coming.append((arrived, int(robot), tick, tuple(speeds[:, robot])))
+    robots.advance(round(plan.horizon * 1e9))
+    run = simulate(scenario, plan.as_design(), times, actuation, hold)
     np.testing.assert_allclose(poses, run.pose[:-1], atol=1e-6)
     np.testing.assert_allclose(auc_of(scenario, plan, robots.record()), run.auc, rtol=1e-5)
     scale = ideal_scale(scenario, plan)
@@ -178,7 +182,7 @@ def test_configuration_is_checked() -> None:
     for option, text in (
         ("qos.depth=0", "qos.depth: got 0"),
         ("loop.actuation=instant", "loop.actuation: got 'instant', expected what real time allows"),
-        ("loop.hold=zero", "loop.hold: got 'zero', expected 'hold'"),
+        ("middleware=other", "middleware: got 'other'"),
         ("qos.foo=1", "qos.foo"),
         ("link=wire", "link: got 'wire'"),
     ):

@@ -11,9 +11,9 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from pydantic import Field
 
+from experiments.dds_testbed.middlewares import MIDDLEWARES
 from experiments.dds_testbed.plan import Plan
 from qocjax.config import Part, SimulationConfig, conf_dir, load
-from qocjax.network.schedule import Rules
 
 __all__ = ["TestbedConfig", "read_config"]
 
@@ -24,7 +24,22 @@ class QosConfig(Part):
     """What writers offer and readers ask for."""
 
     reliability: Literal["best_effort", "reliable"]
-    depth: Annotated[int, Field(ge=1)]
+    depth: Annotated[int, Field(ge=1)] | None
+    lifespan_ms: Positive | None
+
+
+class FastDdsConfig(Part):
+    """What Fast DDS alone has."""
+
+    shared_memory: bool
+
+
+class ZenohConfig(Part):
+    """What Zenoh alone has."""
+
+    protocol: Literal["tcp", "udp"]
+    congestion: Literal["drop", "block"]
+    express: bool
 
 
 class LimitsConfig(Part):
@@ -37,7 +52,10 @@ class LimitsConfig(Part):
 class TestbedConfig(SimulationConfig):
     """A run of the testbed."""
 
+    middleware: Literal[MIDDLEWARES]  # type: ignore[valid-type]
     qos: QosConfig
+    fastdds: FastDdsConfig
+    zenoh: ZenohConfig
     deadline_ms: Positive
     link: Literal["auto", "tap", "veth"]
     in_order: bool
@@ -55,15 +73,17 @@ class TestbedConfig(SimulationConfig):
         scenario, rules = self.build_scenario(), self.loop.build()
         if rules.actuation == "instant":
             raise ValueError("loop.actuation: got 'instant', expected what real time allows, 'arrival' or 'deadline'")
-        if rules.hold != Rules().hold:
-            raise ValueError(f"loop.hold: got {rules.hold!r}, expected 'hold', the only one in the testbed")
+        own: Part | None = {"fastdds": self.fastdds, "zenoh": self.zenoh}.get(self.middleware)
+        if self.middleware == "zenoh" and self.qos.lifespan_ms is not None:
+            raise ValueError(f"qos.lifespan_ms: got {self.qos.lifespan_ms:g}, expected null: Zenoh has no lifespan")
         if not 1 <= scenario.num_robots <= 16:
             raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")
         design = {name: float(value) for name, value in vars(self.baseline()).items()}
         return Plan(
             start=self.scenario.start, goal=self.scenario.goal, horizon=scenario.horizon,
-            design=design | {"deadline": self.deadline_ms * 1e-3}, actuation=rules.actuation,
-            reliable=self.qos.reliability == "reliable", depth=self.qos.depth,
+            design=design | {"deadline": self.deadline_ms * 1e-3}, rules=vars(rules), middleware=self.middleware,
+            options={} if own is None else own.model_dump(), reliable=self.qos.reliability == "reliable",
+            depth=self.qos.depth, lifespan=None if self.qos.lifespan_ms is None else self.qos.lifespan_ms * 1e-3,
             warm_up=self.warm_up, cool_down=self.cool_down, tap=tap, folder=str(folder),
         )  # fmt: skip
 

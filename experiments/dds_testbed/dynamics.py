@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
 
 import jax
@@ -12,6 +11,7 @@ import numpy as np
 from experiments.dds_testbed.plan import Plan
 from qocjax._math import EXACT
 from qocjax.controllers import apf
+from qocjax.ros.gate import DeadlineGate
 from qocjax.unicycle import Command, Pose, arc, pose_from
 
 __all__ = ["Law", "Robots", "law_of"]
@@ -34,29 +34,29 @@ def law_of(plan: Plan) -> Law:
 
 
 class Robots:
-    """N robots whose commands change at given times; times in ns from the start of the run."""
+    """N robots behind a deadline gate each; times in ns from the start of the run."""
 
     def __init__(self, plan: Plan) -> None:
         self._pose: Pose = pose_from(np.asarray(plan.start))
         self._speeds = np.zeros((2, plan.num_robots))
-        self._now = 0
-        self._source = [0] * plan.num_robots  # when the command in force was sampled for
-        self._newest = [-1] * plan.num_robots
-        self._due: list[tuple[int, int, int, tuple[float, float]]] = []
+        self._now, self._tau = 0, plan.tau
+        deadline, tau = plan.design["deadline"], plan.design["tau"]
+        self.gates = [DeadlineGate(plan.as_rules(), deadline, tau, origin=0) for _ in range(plan.num_robots)]
         self._pieces: list[tuple[np.ndarray, ...]] = []
 
-    def command(self, due: int, robot: int, sequence: int, speeds: tuple[float, float]) -> None:
-        """A command that takes effect at `due`; one older than the command in force has no effect."""
-        heapq.heappush(self._due, (max(due, self._now), robot, sequence, speeds))
+    def command(self, arrived: int, robot: int, sequence: int, speeds: tuple[float, float]) -> None:
+        """A command has come for a robot."""
+        self.gates[robot].arrive(sequence * self._tau, speeds, arrived)
 
-    def advance(self, until: int, tau: int) -> None:
+    def advance(self, until: int) -> None:
         """Moves the robots on; commands that are due at exactly `until` are in force after it."""
-        while self._due and self._due[0][0] <= until:
-            due, robot, sequence, speeds = heapq.heappop(self._due)
-            if sequence > self._newest[robot]:
-                self._move_to(due)
-                self._newest[robot], self._source[robot] = sequence, sequence * tau
-                self._speeds[:, robot] = speeds
+        changes = [
+            (change.time, robot, change.command)
+            for robot, gate in enumerate(self.gates) for change in gate.advance(until)
+        ]  # fmt: skip
+        for time, robot, command in sorted(changes, key=lambda each: each[0]):
+            self._move_to(time)
+            self._speeds[:, robot] = command
         self._move_to(until)
 
     def _move_to(self, time: int) -> None:
@@ -72,7 +72,11 @@ class Robots:
 
     def ages(self) -> list[float]:
         """Age of the command in force of each robot (s)."""
-        return [(self._now - source) * 1e-9 for source in self._source]
+        return [gate.age(self._now) or 0.0 for gate in self.gates]
+
+    def speeds(self) -> list[tuple[float, float]]:
+        """Speeds in force of each robot."""
+        return [(float(nu), float(omega)) for nu, omega in self._speeds.T]
 
     def record(self) -> dict[str, np.ndarray]:
         """Every piece of motion: when it begins (ns) [K], poses [K, N, 3], speeds [K, 2, N]; and the last poses."""

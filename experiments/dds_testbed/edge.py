@@ -17,7 +17,6 @@ import numpy as np
 from experiments.dds_testbed.dynamics import Law, law_of
 from experiments.dds_testbed.link import EDGE
 from experiments.dds_testbed.messages import Command, State
-from experiments.dds_testbed.middleware import Inbox
 from experiments.dds_testbed.side import Side
 
 __all__ = ["Edge", "main"]
@@ -36,14 +35,11 @@ class Edge:
 
     def run(self) -> None:
         """Answers until told to stop."""
-        inbox = Inbox(self._side.endpoints)
         while not self._side.stopped():
             due = self._waiting[0][0] - time.monotonic_ns() if self._waiting else _LONGEST_WAIT
-            inbox.wait(min(due, _LONGEST_WAIT))
-            for robot, endpoint in enumerate(self._side.endpoints):
-                stamp = time.monotonic_ns()
-                for state in endpoint.take():
-                    self._compute_for(robot, state, stamp)
+            for received in self._side.take(min(due, _LONGEST_WAIT)):
+                if isinstance(received.message, State):
+                    self._compute_for(received.robot, received.message, received.stamp)
             self._answer()
 
     def _compute_for(self, robot: int, state: State, received: int) -> None:
@@ -57,7 +53,7 @@ class Edge:
         while self._waiting and self._waiting[0][0] <= time.monotonic_ns():
             _, row, robot, command = heapq.heappop(self._waiting)
             self.stamps[row] = (*self.stamps[row][:3], time.monotonic_ns())
-            self._side.endpoints[robot].write(command)
+            self._side.write(robot, command)
 
 
 def main(path: str, channel: str) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from experiments.dds_testbed.crossing import Crossed
 from experiments.dds_testbed.link import EDGE, ROBOT, SIDES, Port, open_veth
 from experiments.dds_testbed.plan import Plan, receive, send
 from experiments.dds_testbed.radio import Radio
@@ -33,6 +34,7 @@ class Traffic:
     start: int  # ns, first sampling instant
     lateness: list[int]  # ns, of each frame
     sent: list[Counter[str]]  # by each side, in frames, bytes and submessages
+    crossed: list[Crossed]  # every frame that was delivered while there was a radio
 
 
 class Hub:
@@ -77,7 +79,8 @@ class Hub:
         relay.radio = radio
         padding, tau = self._plan.padding, self._plan.tau
         start = time.monotonic_ns() + round(_HEAD_START * 1e9) + padding[0] * tau
-        send(self._channels[ROBOT], start=start)
+        for channel in self._channels:
+            send(channel, start=start)
         relay.run(start, self._watched())
         before, relay.lateness = relay.snapshot(), []
         relay.run(start + round(self._plan.horizon * 1e9), self._watched())
@@ -88,7 +91,7 @@ class Hub:
         self._carry(relay, "done", [EDGE])
         for channel in self._channels:
             send(channel, end=True)
-        return Traffic(start, lateness, sent)
+        return Traffic(start, lateness, sent, relay.crossed)
 
     def _open_ports(self) -> list[Port]:
         """Waits for the two sides and opens the ports of their links."""

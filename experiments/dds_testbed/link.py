@@ -43,16 +43,22 @@ def _hardware(link: int, side: int) -> str:
     return f"02:00:00:77:{link:02x}:{side + 1:02x}"
 
 
-def configure(num_links: int, side: int) -> None:
-    """Brings up `radio0`, `radio1`, ... of one side; the peer's hardware address is given, so none is asked for."""
-    ip("link set dev lo up")
-    for link in range(num_links):
-        ip(
-            f"link set dev radio{link} address {_hardware(link, side)}",
-            f"address add {address(link, side)}/24 dev radio{link}",
-            f"link set dev radio{link} up",
-            f"neighbour add {address(link, 1 - side)} lladdr {_hardware(link, 1 - side)} dev radio{link} nud permanent",
-        )
+def configure(link: int, side: int, subnet: int | None = None) -> None:
+    """Brings up `radio<link>` of one side; the peer's hardware address is given, so none is asked for.
+
+    Args:
+        link: Which.
+        side: Which end of it.
+        subnet: Whose addresses it gets; None for its own.
+    """
+    subnet = link if subnet is None else subnet
+    ip(
+        "link set dev lo up",
+        f"link set dev radio{link} address {_hardware(link, side)}",
+        f"address add {address(subnet, side)}/24 dev radio{link}",
+        f"link set dev radio{link} up",
+        f"neighbour add {address(subnet, 1 - side)} lladdr {_hardware(link, 1 - side)} dev radio{link} nud permanent",
+    )
 
 
 def tap_usable() -> bool:

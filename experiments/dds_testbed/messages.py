@@ -1,29 +1,37 @@
-"""What robots and edge tell each other."""
+"""What robots and edge tell each other, whatever carries it."""
 
-# No `from __future__ import annotations`: the middleware reads the types of the fields.
+from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int64, sequence
-
-__all__ = ["Command", "State"]
+__all__ = ["Command", "Message", "Received", "State"]
 
 
-@dataclass
-class State(IdlStruct, typename="qocjax.State"):
-    """What a robot sends up at a sampling instant; stamps in ns."""
+class State(NamedTuple):
+    """What a robot sends up at a sampling instant."""
 
-    sequence: int64
-    uplink_send: int64
-    poses: sequence[float64]  # x, y, heading of each robot
-    ages: sequence[float64]  # s, of each robot
+    sequence: int
+    uplink_send: int  # ns
+    poses: list[float]  # x, y, heading of each robot
+    ages: list[float]  # s, of each robot
+    speeds: tuple[float, float] = (0.0, 0.0)  # nu, omega in force of this robot, which the law does not read
 
 
-@dataclass
-class Command(IdlStruct, typename="qocjax.Command"):
+class Command(NamedTuple):
     """What comes down for it."""
 
-    sequence: int64
-    nu: float64
-    omega: float64
+    sequence: int
+    nu: float
+    omega: float
+
+
+Message = State | Command
+
+
+class Received(NamedTuple):
+    """A message that a side has got."""
+
+    robot: int
+    message: Message
+    stamp: int  # ns, when the process took it
+    mark: bytes  # part of the message as it is on the wire, of no other message

@@ -71,6 +71,6 @@ def numbers_of(case: Case) -> tuple[dict[str, np.ndarray], np.ndarray]:
     for leg, each in zip(("uplink", "downlink"), sent, strict=True):
         numbers[f"{leg}_bytes"] = each[:, :, window].mean(axis=2).sum(axis=1)
     plan = config.build_plan(False, Path())
-    auc = jax.vmap(lambda each: simulate(scenario, plan.as_design(), each, plan.actuation).auc)
+    auc = jax.vmap(lambda each: simulate(scenario, plan.as_design(), each, **plan.rules).auc)
     numbers["auc"] = np.asarray(auc(times))
     return numbers, times

@@ -7,9 +7,10 @@ import os
 import shutil
 import signal
 import subprocess
+import threading
 from pathlib import Path
 
-__all__ = ["UnavailableError", "die_with_parent", "enter_private", "ip"]
+__all__ = ["Room", "UnavailableError", "die_with_parent", "enter_private", "ip"]
 
 _NEW_USER, _NEW_NET, _SET_DEATH_SIGNAL = 0x10000000, 0x40000000, 1  # linux/sched.h, linux/prctl.h
 
@@ -40,8 +41,13 @@ def enter_private() -> None:
             reason = os.strerror(ctypes.get_errno())
             raise UnavailableError(f"needs a network namespace: run as root, or allow user namespaces ({reason})")
         _map_to_root(user, group)
+    _without_ipv6()
+
+
+def _without_ipv6() -> None:
+    """For interfaces that are still to come: router solicitations would count as traffic of the middleware."""
     disable = Path("/proc/sys/net/ipv6/conf/default/disable_ipv6")
-    if disable.exists():  # router solicitations would count as traffic of the middleware
+    if disable.exists():
         disable.write_text("1")
 
 
@@ -50,6 +56,41 @@ def _map_to_root(user: int, group: int) -> None:
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"0 {user} 1")
     Path("/proc/self/gid_map").write_text(f"0 {group} 1")
+
+
+class Room:
+    """A further network namespace of this process, for what is made inside `with room:`.
+
+    Sockets and threads stay in the namespace of the thread that made them.
+    """
+
+    def __init__(self) -> None:
+        self._libc = ctypes.CDLL(None, use_errno=True)
+        self._home = _namespace()
+        if self._libc.unshare(_NEW_NET) != 0:
+            raise UnavailableError(f"needs a network namespace ({os.strerror(ctypes.get_errno())})")
+        _without_ipv6()
+        self._room = _namespace()
+        self._enter(self._home)
+
+    def take_in(self, device: str) -> None:
+        """Moves a network device of the process's namespace into the room."""
+        ip(f"link set dev {device} netns /proc/{os.getpid()}/fd/{self._room}")
+
+    def __enter__(self) -> None:
+        self._enter(self._room)
+
+    def __exit__(self, *_: object) -> None:
+        self._enter(self._home)
+
+    def _enter(self, namespace: int) -> None:
+        if self._libc.setns(namespace, _NEW_NET) != 0:
+            raise UnavailableError(f"setns: {os.strerror(ctypes.get_errno())}")
+
+
+def _namespace() -> int:
+    """That of this thread, as an open file."""
+    return os.open(f"/proc/self/task/{threading.get_native_id()}/ns/net", os.O_RDONLY)
 
 
 def die_with_parent() -> None:

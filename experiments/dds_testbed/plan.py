@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, num_ticks
 
 __all__ = ["Plan", "receive", "send"]
@@ -21,9 +22,12 @@ class Plan:
     goal: list[float] | list[list[float]]
     horizon: float
     design: dict[str, float]
-    actuation: str  # deadline | arrival
+    rules: dict[str, Any]  # of actuation and hold
+    middleware: str
+    options: dict[str, Any]  # of this middleware alone
     reliable: bool
-    depth: int
+    depth: int | None  # None for KEEP_ALL
+    lifespan: float | None  # s, None for none
     warm_up: float  # s of loops before the robots' first sample
     cool_down: float  # s of loops after the last
     tap: bool  # whether a side opens its own interfaces
@@ -49,12 +53,9 @@ class Plan:
         """Loops before and after."""
         return num_ticks(self.warm_up, self.design["tau"]), num_ticks(self.cool_down, self.design["tau"])
 
-    def due(self, sequence: int, arrived: int) -> int | None:
-        """When the command of a loop takes effect, None if it missed the deadline; times in ns from the start."""
-        sampled, deadline = sequence * self.tau, round(self.design["deadline"] * 1e9)
-        if arrived - sampled > deadline:
-            return None
-        return sampled + deadline if self.actuation == "deadline" else -(-arrived // self.tau) * self.tau
+    def as_rules(self) -> Rules:
+        """The rules."""
+        return Rules(**self.rules)
 
     def as_design(self) -> Design:
         """The design."""

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from experiments.dds_testbed.crossing import Crossed
 from experiments.dds_testbed.link import SIDES, Port
 from experiments.dds_testbed.rtps import submessages
 
@@ -67,6 +68,7 @@ class Relay:
         self._queue = Queue(in_order)
         self.radio: Fate | None = None
         self.lateness: list[int] = []  # ns, of each frame written while there is a radio
+        self.crossed: list[Crossed] = []  # these frames
         self.counts: Counter[tuple[int, str]] = Counter()  # by side that sent, and what is counted
 
     def run(self, until: Callable[[], bool] | int, watched: Iterable[tuple[int, Callable[[], None]]] = ()) -> None:
@@ -99,9 +101,11 @@ class Relay:
 
     def _deliver(self) -> None:
         for due, port, frame in self._queue.pop(time.monotonic_ns()):
+            before = time.monotonic_ns()
             with contextlib.suppress(OSError):
                 os.write(port.fd, frame)
             if self.radio is not None:
+                self.crossed.append(Crossed(before, port.link, port.side, frame[port.header :]))
                 self.lateness.append(time.monotonic_ns() - due)
 
     def _count(self, port: Port, frame: bytes, dropped: bool) -> None:

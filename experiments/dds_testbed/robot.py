@@ -16,7 +16,6 @@ import numpy as np
 from experiments.dds_testbed.dynamics import Robots
 from experiments.dds_testbed.link import ROBOT
 from experiments.dds_testbed.messages import Command, State
-from experiments.dds_testbed.middleware import Inbox
 from experiments.dds_testbed.side import Side
 
 __all__ = ["Loops", "main"]
@@ -26,7 +25,7 @@ class Loops:
     """The run of loops, and the stamps of each on the robots' clock."""
 
     def __init__(self, side: Side, start: int) -> None:
-        self._plan, self._endpoints, self._inbox = side.plan, side.endpoints, Inbox(side.endpoints)
+        self._plan, self._side = side.plan, side
         self._start = start
         before, after = self._plan.padding
         self._first, self._last = -before, self._plan.num_ticks + after
@@ -42,29 +41,26 @@ class Loops:
         for tick in range(self._first, self._last):
             self._receive_until(self._start + tick * plan.tau)
             if tick >= 0:
-                self.robots.advance(min(tick * plan.tau, horizon), plan.tau)
-            poses, ages = self.robots.poses().ravel().tolist(), self.robots.ages()
-            for robot, endpoint in enumerate(self._endpoints):
+                self.robots.advance(min(tick * plan.tau, horizon))
+            poses, ages, speeds = self.robots.poses().ravel().tolist(), self.robots.ages(), self.robots.speeds()
+            for robot in range(plan.num_robots):
                 stamp = time.monotonic_ns()
                 self.stamps[0, tick - self._first, robot] = stamp
-                endpoint.write(State(sequence=tick, uplink_send=stamp, poses=poses, ages=ages))
+                self._side.write(robot, State(tick, stamp, poses, ages, speeds[robot]))
         self._receive_until(self._start + self._last * plan.tau)
 
     def _receive_until(self, until: int) -> None:
         while (left := until - time.monotonic_ns()) > 0:
-            self._inbox.wait(left)
-            for robot, endpoint in enumerate(self._endpoints):
-                stamp = time.monotonic_ns()
-                for message in endpoint.take():
-                    self._received(robot, message, stamp)
+            for received in self._side.take(left):
+                if isinstance(received.message, Command):
+                    self._received(received.robot, received.message, received.stamp)
 
     def _received(self, robot: int, message: Command, stamp: int) -> None:
         row = message.sequence - self._first
         if self.stamps[1, row, robot] == 0:
             self.stamps[1, row, robot] = stamp
-        due = self._plan.due(message.sequence, stamp - self._start) if message.sequence >= 0 else None
-        if due is not None:
-            self.robots.command(due, robot, message.sequence, (message.nu, message.omega))
+        if message.sequence >= 0:
+            self.robots.command(stamp - self._start, robot, message.sequence, (message.nu, message.omega))
 
 
 def main(path: str, channel: str) -> None:
@@ -72,9 +68,8 @@ def main(path: str, channel: str) -> None:
     jax.config.update("jax_enable_x64", True)
     side = Side(path, channel, ROBOT)
     trial = Robots(side.plan)
-    trial.advance(side.plan.tau, side.plan.tau)  # compiles
-    side.match()
-    loops = Loops(side, side.told()["start"])
+    trial.advance(side.plan.tau)  # compiles
+    loops = Loops(side, side.match())
     gc.disable()
     loops.run()
     np.savez(Path(side.plan.folder) / "robot.npz", stamps=loops.stamps, **loops.robots.record())

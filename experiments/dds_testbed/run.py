@@ -14,8 +14,10 @@ import pandas as pd
 
 from experiments.dds_testbed import scores
 from experiments.dds_testbed.config import TestbedConfig, read_config
+from experiments.dds_testbed.crossing import past_the_radio
 from experiments.dds_testbed.hub import Hub, Traffic
 from experiments.dds_testbed.link import tap_usable
+from experiments.dds_testbed.middlewares import require
 from experiments.dds_testbed.plan import Plan
 from experiments.dds_testbed.radio import compute_times, draw_radio
 from qocjax.network.dds import loop_statistics
@@ -33,6 +35,7 @@ def run_and_write(options: list[str]) -> bool:
     jax.config.update("jax_enable_x64", True)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that everything is put away then, too
     config = read_config(options)
+    require(config.middleware)
     record = measure(config, Path(config.folder), lambda text: print(text, flush=True))
     print(_summary(record))
     for reason in record["rejected"]:
@@ -82,11 +85,13 @@ def _record(config: TestbedConfig, plan: Plan, traffic: Traffic, loops: pd.DataF
     late = {
         name: {f"p{level}": float(np.percentile(of, level)) for level in (50, 99, 100)} for name, of in lateness.items()
     }
+    received = scores.received(plan)
     limits = {"relay": config.limits.relay_p99_ms, "tick": config.limits.tick_p99_ms}
     return {
-        "qos": config.qos.model_dump(), "tau": tau, "deadline": plan.design["deadline"], "actuation": plan.actuation,
+        "qos": config.qos.model_dump(), "tau": tau, "deadline": plan.design["deadline"], **plan.rules,
+        "middleware": plan.middleware, "options": plan.options,
         "horizon": plan.horizon, "num_robots": plan.num_robots, "in_order": config.in_order, "key": config.key,
-        "loops": loop_statistics(times.T, tau),
+        "loops": loop_statistics(times.T, tau), "messages": scores.messages(plan, received),
         "auc": auc.tolist(), "auc_replayed": again.tolist(),
         "qoc": float(np.mean(qoc(auc, scale))), "j_med": scale.median, "j_max": scale.largest,
         "link": {
@@ -94,7 +99,7 @@ def _record(config: TestbedConfig, plan: Plan, traffic: Traffic, loops: pd.DataF
             for name, sent in zip(("uplink", "downlink"), traffic.sent, strict=True)
         },
         "lateness": late,
-        "rejected": [
+        "rejected": past_the_radio(traffic.crossed, received) + [
             f"{name} lateness of {late[name]['p99'] * 1e3:.2f} ms (99th percentile) is beyond {limit:g} ms"
             for name, limit in limits.items() if late[name]["p99"] * 1e3 > limit
         ],

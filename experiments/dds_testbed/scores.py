@@ -10,13 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from experiments.dds_testbed.crossing import ReceivedBy
+from experiments.dds_testbed.link import EDGE, ROBOT, SIDES
 from experiments.dds_testbed.plan import Plan
 from qocjax import QocScale, Scenario, simulate
 from qocjax.quality import Tally, initial_norm
 from qocjax.reference import reference_origin, reference_path
 from qocjax.unicycle import Command, Pose, pose_from
 
-__all__ = ["auc_of", "ideal_scale", "loop_table", "loop_times", "pose_table", "replayed"]
+__all__ = ["auc_of", "ideal_scale", "loop_table", "loop_times", "messages", "pose_table", "received", "replayed"]
 
 
 def loop_table(plan: Plan, start: int) -> pd.DataFrame:
@@ -46,6 +48,31 @@ def loop_table(plan: Plan, start: int) -> pd.DataFrame:
     table["loop_time"] = (table["downlink_receive"] - table["uplink_send"]).fillna(np.inf)
     table["lost"] = np.isinf(table["loop_time"])
     return table
+
+
+def received(plan: Plan) -> list[ReceivedBy]:
+    """What each side has got, robots first."""
+    return [ReceivedBy.read(Path(plan.folder) / f"received_{side}.npz") for side in SIDES]
+
+
+def messages(plan: Plan, by_side: list[ReceivedBy]) -> dict[str, dict[str, int]]:
+    """What has become of the messages of the run in each direction, told from their sequence numbers."""
+    edge, ticks = np.load(Path(plan.folder) / "edge.npy"), range(plan.num_ticks)
+    answers = {(robot, sequence) for robot, sequence, _, sent in edge.tolist() if sent > 0 and sequence in ticks}
+    sent = {"uplink": plan.num_ticks * plan.num_robots, "downlink": len(answers)}
+    found = {}
+    for name, side in (("uplink", EDGE), ("downlink", ROBOT)):
+        got: set[tuple[int, int]] = set()
+        newest, repeated, reordered = [-(10**9)] * plan.num_robots, 0, 0
+        for robot, sequence, _ in by_side[side].rows.tolist():
+            if sequence in ticks:
+                repeated += (robot, sequence) in got
+                reordered += sequence < newest[robot]
+                newest[robot] = max(newest[robot], sequence)
+                got.add((robot, sequence))
+        found[name] = {"sent": sent[name], "received": len(got), "lost": sent[name] - len(got), "repeated": repeated,
+                       "reordered": reordered}  # fmt: skip
+    return found
 
 
 def pose_table(plan: Plan) -> pd.DataFrame:
@@ -95,7 +122,7 @@ def loop_times(plan: Plan, loops: pd.DataFrame) -> np.ndarray:
 
 def replayed(scenario: Scenario, plan: Plan, times: np.ndarray) -> np.ndarray:
     """AUC that the simulator gives for the measured loop times [P, N], [N] s."""
-    return np.asarray(simulate(scenario, plan.as_design(), times, plan.actuation).auc)
+    return np.asarray(simulate(scenario, plan.as_design(), times, **plan.rules).auc)
 
 
 def ideal_scale(scenario: Scenario, plan: Plan) -> QocScale:

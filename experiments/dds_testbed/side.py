@@ -1,14 +1,17 @@
-"""What robots and edge have in common: how each gets to its place in the emulator's world."""
+"""What robots and edge have in common: how each gets to its place in the emulator's world, and what it receives."""
 
 from __future__ import annotations
 
 import select
 import socket
 import time
+from pathlib import Path
 from typing import Any
 
-from experiments.dds_testbed import link
-from experiments.dds_testbed.middleware import Endpoint
+import numpy as np
+
+from experiments.dds_testbed import link, middlewares
+from experiments.dds_testbed.messages import Message, Received
 from experiments.dds_testbed.namespaces import die_with_parent, enter_private
 from experiments.dds_testbed.plan import Plan, receive, send
 
@@ -16,29 +19,49 @@ __all__ = ["Side"]
 
 
 class Side:
-    """One side of a run: its plan, its endpoint for each robot, and its channel to the emulator."""
+    """One side of a run: its plan, its ends of the links, and its channel to the emulator."""
 
     def __init__(self, path: str, channel: str, side: int) -> None:
         die_with_parent()
         self._hub = socket.socket(fileno=int(channel))
         enter_private()
-        self.plan = Plan.read(path)
+        self.plan, self._side = Plan.read(path), side
         robots = range(self.plan.num_robots)
         send(self._hub, [link.open_tap(each) for each in robots] if self.plan.tap else None, side=side)
         receive(self._hub)  # the other ends are open now
-        link.configure(len(robots), side)
-        self.endpoints = [Endpoint(each, side, self.plan.reliable, self.plan.depth) for each in robots]
+        self._ends = middlewares.connect(self.plan, side)
+        self._received: list[Received] = []
 
-    def match(self) -> None:
-        """Waits until every endpoint has found the other side, and says so."""
-        while not all(endpoint.matched() for endpoint in self.endpoints):
+    def match(self) -> int:
+        """Waits until every writer has found the other side, and says so; returns the first sampling instant (ns)."""
+        while not self._ends.matched():
             time.sleep(0.01)
         send(self._hub, matched=True)
+        start = int(self.told()["start"])
+        self._ends.begin(start)
+        return start
+
+    def write(self, robot: int, message: Message) -> None:
+        """Sends a message."""
+        self._ends.write(robot, message)
+
+    def take(self, nanoseconds: int) -> list[Received]:
+        """Takes what has arrived, at the latest after a time, and keeps an account of it."""
+        found = self._ends.take(nanoseconds)
+        self._received += found
+        return found
 
     def done(self) -> None:
-        """Says that the records are written, and waits for the other side: with this process its interfaces go."""
+        """Writes the account, says so, and waits for the other side: with this process its interfaces go."""
+        rows = [(each.robot, each.message.sequence, each.stamp) for each in self._received]
+        marks = [each.mark for each in self._received]
+        np.savez(
+            Path(self.plan.folder) / f"received_{self._side}.npz", rows=np.array(rows, np.int64).reshape(-1, 3),
+            marks=np.array(marks, f"V{max(map(len, marks), default=1)}"),
+        )  # fmt: skip
         send(self._hub, done=True)
         receive(self._hub)
+        self._ends.close()
 
     def told(self) -> dict[str, Any]:
         """Waits for the next word of the emulator."""
