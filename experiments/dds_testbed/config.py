@@ -28,12 +28,6 @@ class QosConfig(Part):
     lifespan_ms: Positive | None
 
 
-class FastDdsConfig(Part):
-    """What Fast DDS alone has."""
-
-    shared_memory: bool
-
-
 class ZenohConfig(Part):
     """What Zenoh alone has."""
 
@@ -54,7 +48,6 @@ class TestbedConfig(SimulationConfig):
 
     middleware: Literal[MIDDLEWARES]  # type: ignore[valid-type]
     qos: QosConfig
-    fastdds: FastDdsConfig
     zenoh: ZenohConfig
     deadline_ms: Positive
     link: Literal["auto", "tap", "veth"]
@@ -62,6 +55,7 @@ class TestbedConfig(SimulationConfig):
     warm_up: Positive
     cool_down: Positive
     limits: LimitsConfig
+    bag: bool
     folder: str
 
     def build_plan(self, tap: bool, folder: Path) -> Plan:
@@ -73,16 +67,16 @@ class TestbedConfig(SimulationConfig):
         scenario, rules = self.build_scenario(), self.loop.build()
         if rules.actuation == "instant":
             raise ValueError("loop.actuation: got 'instant', expected what real time allows, 'arrival' or 'deadline'")
-        own: Part | None = {"fastdds": self.fastdds, "zenoh": self.zenoh}.get(self.middleware)
         if self.middleware == "zenoh" and self.qos.lifespan_ms is not None:
             raise ValueError(f"qos.lifespan_ms: got {self.qos.lifespan_ms:g}, expected null: Zenoh has no lifespan")
         if not 1 <= scenario.num_robots <= 16:
             raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")
+        own = self.zenoh.model_dump() if self.middleware == "zenoh" else {}
         design = {name: float(value) for name, value in vars(self.baseline()).items()}
         return Plan(
             start=self.scenario.start, goal=self.scenario.goal, horizon=scenario.horizon,
             design=design | {"deadline": self.deadline_ms * 1e-3}, rules=vars(rules), middleware=self.middleware,
-            options={} if own is None else own.model_dump(), reliable=self.qos.reliability == "reliable",
+            options=own, reliable=self.qos.reliability == "reliable",
             depth=self.qos.depth, lifespan=None if self.qos.lifespan_ms is None else self.qos.lifespan_ms * 1e-3,
             warm_up=self.warm_up, cool_down=self.cool_down, tap=tap, folder=str(folder),
         )  # fmt: skip

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import bisect
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from experiments.dds_testbed.link import SIDES
 __all__ = ["Crossed", "ReceivedBy", "past_the_radio"]
 
 _ETHERNET, _UDP, _TCP_PROTOCOL = 14, 8, 6
+_HALF = 2**31  # of the sequence numbers of TCP
 
 
 class Crossed(NamedTuple):
@@ -32,32 +33,36 @@ class ReceivedBy:
     """What one side has received."""
 
     rows: np.ndarray  # [K, 3] robot, sequence, when (ns)
+    speeds: np.ndarray  # [K, 2] nu, omega; of the robot where it is a state
     marks: np.ndarray  # [K] bytes that were on the wire
 
     @classmethod
     def read(cls, path: Path) -> ReceivedBy:
         """As a side has written it."""
         with np.load(path) as file:
-            return cls(file["rows"], file["marks"])
+            return cls(file["rows"], file["speeds"], file["marks"])
 
 
 class _Heard:
     """All bytes that were delivered to one end of a link, with the time of each."""
 
     def __init__(self) -> None:
-        self.content = bytearray()
-        self._begins: list[int] = []
-        self._times: list[int] = []
+        self._content: list[bytes] = []
+        self._times: list[np.ndarray] = []
 
-    def add(self, time: int, payload: bytes) -> None:
-        self._begins.append(len(self.content))
-        self._times.append(time)
-        self.content += payload
+    def add(self, times: np.ndarray | int, payload: bytes) -> None:
+        self._content.append(payload)
+        self._times.append(np.broadcast_to(times, len(payload)))
+
+    @cached_property
+    def _all(self) -> tuple[bytes, np.ndarray]:
+        return b"".join(self._content), np.concatenate([*self._times, np.zeros(0, np.int64)])
 
     def had(self, mark: bytes, by: int) -> bool:
-        """Whether a mark had come by a time (ns)."""
-        at = self.content.find(mark)
-        return at >= 0 and self._times[bisect.bisect(self._begins, at + len(mark) - 1) - 1] <= by
+        """Whether the whole of a mark had come by a time (ns)."""
+        content, times = self._all
+        at = content.find(mark)
+        return at >= 0 and bool(times[at : at + len(mark)].max() <= by)
 
 
 def past_the_radio(frames: Iterable[Crossed], by_side: list[ReceivedBy]) -> list[str]:
@@ -101,11 +106,11 @@ def _heard(frames: Iterable[Crossed]) -> dict[tuple[int, int], _Heard]:
 
 def _join(heard: _Heard, segments: list[tuple[int, int, bytes]]) -> None:
     """Adds the bytes of a stream in their order, each with the time at which it first came."""
-    first = segments[0][0]
-    offsets = [((number - first + 2**31) % 2**32 - 2**31, time, payload) for number, time, payload in segments]
-    upto: int | None = None
-    for offset, time, payload in sorted(offsets):
-        fresh = payload if upto is None else payload[max(upto - offset, 0) :]
-        upto = max(upto or offset, offset + len(payload)) if upto is not None else offset + len(payload)
-        if fresh:
-            heard.add(time, fresh)
+    base = segments[0][0]
+    offsets = [(number - base + _HALF) % (2 * _HALF) - _HALF for number, *_ in segments]  # numbers begin anew
+    first, last = min(offsets), max(offset + len(each[2]) for offset, each in zip(offsets, segments, strict=True))
+    content, times = bytearray(last - first), np.full(last - first, np.iinfo(np.int64).max)
+    for offset, (_, time, payload) in zip(offsets, segments, strict=True):
+        span = slice(offset - first, offset - first + len(payload))
+        content[span], times[span] = payload, np.minimum(times[span], time)
+    heard.add(times, bytes(content))

@@ -24,6 +24,11 @@ class Command(NamedTuple):
     nu: float
     omega: float
 
+    @property
+    def speeds(self) -> tuple[float, float]:
+        """nu, omega."""
+        return self.nu, self.omega
+
 
 Message = State | Command
 

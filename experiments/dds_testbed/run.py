@@ -12,11 +12,11 @@ import jax
 import numpy as np
 import pandas as pd
 
-from experiments.dds_testbed import scores
+from experiments.dds_testbed import bag, scores
 from experiments.dds_testbed.config import TestbedConfig, read_config
-from experiments.dds_testbed.crossing import past_the_radio
+from experiments.dds_testbed.crossing import ReceivedBy, past_the_radio
 from experiments.dds_testbed.hub import Hub, Traffic
-from experiments.dds_testbed.link import tap_usable
+from experiments.dds_testbed.link import ROBOT, tap_usable
 from experiments.dds_testbed.middlewares import require
 from experiments.dds_testbed.plan import Plan
 from experiments.dds_testbed.radio import compute_times, draw_radio
@@ -61,16 +61,20 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
         say(f"{'TAP' if tap else 'virtual Ethernet'} links, one for each of {plan.num_robots} robots")
         with Hub(plan) as hub:
             traffic = hub.run(radio, config.in_order, say)
-        loops = scores.loop_table(plan, traffic.start)
-        record = _record(config, plan, traffic, loops) | {"network": network.describe(), **provenance()}
+        loops, received = scores.loop_table(plan, traffic.start), scores.received(plan)
+        record = _record(config, plan, traffic, loops, received) | {"network": network.describe(), **provenance()}
         for robot, table in loops.groupby("robot"):
             _write_csv(output / f"loops_{robot}.csv", table)
         _write_csv(output / "poses.csv", scores.pose_table(plan))
+        if config.bag:
+            bag.record(output / "bag", plan, received[ROBOT], traffic.start)
     write_json(output / "record.json", record)
     return record
 
 
-def _record(config: TestbedConfig, plan: Plan, traffic: Traffic, loops: pd.DataFrame) -> dict[str, Any]:
+def _record(
+    config: TestbedConfig, plan: Plan, traffic: Traffic, loops: pd.DataFrame, received: list[ReceivedBy]
+) -> dict[str, Any]:
     """Everything that one run says, in plain values; s and bytes per s."""
     scenario, tau = config.build_scenario(), plan.design["tau"]
     times = scores.loop_times(plan, loops)
@@ -85,7 +89,6 @@ def _record(config: TestbedConfig, plan: Plan, traffic: Traffic, loops: pd.DataF
     late = {
         name: {f"p{level}": float(np.percentile(of, level)) for level in (50, 99, 100)} for name, of in lateness.items()
     }
-    received = scores.received(plan)
     limits = {"relay": config.limits.relay_p99_ms, "tick": config.limits.tick_p99_ms}
     return {
         "qos": config.qos.model_dump(), "tau": tau, "deadline": plan.design["deadline"], **plan.rules,

@@ -55,9 +55,10 @@ class Side:
         """Writes the account, says so, and waits for the other side: with this process its interfaces go."""
         rows = [(each.robot, each.message.sequence, each.stamp) for each in self._received]
         marks = [each.mark for each in self._received]
+        speeds = [each.message.speeds for each in self._received]
         np.savez(
             Path(self.plan.folder) / f"received_{self._side}.npz", rows=np.array(rows, np.int64).reshape(-1, 3),
-            marks=np.array(marks, f"V{max(map(len, marks), default=1)}"),
+            speeds=np.array(speeds, float).reshape(-1, 2), marks=np.array(marks, f"V{max(map(len, marks), default=1)}"),
         )  # fmt: skip
         send(self._hub, done=True)
         receive(self._hub)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from qocjax.navigation import NavigationStack, StaticMap, snapshot
 from qocjax.navigation.cycle import View
 from qocjax.ros import messages
 
-__all__ = ["BEGIN", "write_bag"]
+__all__ = ["BEGIN", "Message", "from_start", "save", "write_bag"]
 
 BEGIN = 1_700_000_000.0
 """When a run begins (s since 1970); a stamp of 0 is none."""
@@ -26,7 +26,9 @@ _LATCHED = ("/map", "/tf_static", "goal_pose")
 _EVERY = 1.0  # s between two costmaps, and two diagnostics
 
 
-class _Message(NamedTuple):
+class Message(NamedTuple):
+    """What a bag holds at a time."""
+
     time: int  # ns
     topic: str
     content: Any
@@ -54,16 +56,32 @@ def write_bag(
         OSError: The folder cannot be written.
         ValueError: rosbags is not installed, something other than a bag lies there, or there are several runs.
     """
+    start = round(1e9 * float(_checks.bounded("begin", begin, above=0.0, shape=())))
+    return save(path, _messages(run, static_map, stack, start))
+
+
+def save(path: str | Path, found: Iterable[Message], reliable: bool = True, depth: int | None = 10) -> Path:
+    """Writes messages as a bag, in the order of their times; a bag that lies there is replaced.
+
+    Args:
+        path: Folder of the bag.
+        found: Messages, as `qocjax.ros.messages` makes them.
+        reliable: Whether the topics were offered RELIABLE; those that are latched always are.
+        depth: Their KEEP_LAST depth; None for KEEP_ALL.
+
+    Raises:
+        OSError: The folder cannot be written.
+        ValueError: rosbags is not installed, or something other than a bag lies there.
+    """
     path = Path(path)
     if importlib.util.find_spec("rosbags") is None:
         raise ValueError(f"{path}: needs rosbags to be written, expected it installed: pip install 'qocjax[ros]'")
     if path.exists() and not _is_bag(path):
         raise ValueError(f"path: got {path}, which is there and no bag, expected a new folder")
-    start = round(1e9 * float(_checks.bounded("begin", begin, above=0.0, shape=())))
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as temporary:
         made = Path(temporary) / path.name
-        _write(made, sorted(_messages(run, static_map, stack, start), key=lambda each: each.time))
+        _write(made, sorted(found, key=lambda each: each.time), reliable, depth)
         if path.exists():
             shutil.rmtree(path)
         made.rename(path)
@@ -75,26 +93,31 @@ def _is_bag(path: Path) -> bool:
     return names <= {".yaml", ".mcap", ".db3"}
 
 
-def _write(folder: Path, found: list[_Message]) -> None:
+def _write(folder: Path, found: list[Message], reliable: bool, depth: int | None) -> None:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    forever, keep = QosTime(9223372036, 854775807), QosHistory.KEEP_LAST
-    durabilities = {True: (1, QosDurability.TRANSIENT_LOCAL), False: (10, QosDurability.VOLATILE)}
+    forever = QosTime(9223372036, 854775807)
+
+    def offered(latched: bool) -> Qos:
+        history = QosHistory.KEEP_LAST if latched or depth else QosHistory.KEEP_ALL
+        reliability = QosReliability.RELIABLE if latched or reliable else QosReliability.BEST_EFFORT
+        durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
+        return Qos(history, 1 if latched else depth or 0, reliability, durability, forever, forever,
+                   QosLiveliness.AUTOMATIC, forever, False)  # fmt: skip
+
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics: dict[str, Any] = {}
         for time, topic, content in found:
             if topic not in topics:
-                depth, durability = durabilities[topic.endswith(_LATCHED)]
-                qos = Qos(keep, depth, QosReliability.RELIABLE, durability, forever, forever, QosLiveliness.AUTOMATIC,
-                          forever, False)  # fmt: skip
+                qos = offered(topic.endswith(_LATCHED))
                 topics[topic] = writer.add_connection(
                     topic, content.__msgtype__, typestore=messages.store(), offered_qos_profiles=[qos]
                 )
             writer.write(topics[topic], time, messages.store().serialize_cdr(content, content.__msgtype__))
 
 
-def _messages(run: Any, static_map: StaticMap | None, stack: NavigationStack | None, begin: int) -> Iterator[_Message]:
+def _messages(run: Any, static_map: StaticMap | None, stack: NavigationStack | None, begin: int) -> Iterator[Message]:
     done = jax.tree.map(np.asarray, run)
     if done.pose.ndim != 3:
         raise ValueError(f"run: got poses of shape {done.pose.shape}, expected those of one run, (P + 1, N, 3)")
@@ -102,18 +125,18 @@ def _messages(run: Any, static_map: StaticMap | None, stack: NavigationStack | N
     stamps = [int(each) for each in instants]
     room = stack.static_map if static_map is None and stack is not None else static_map
     if room is not None:
-        yield _Message(begin, "/map", messages.grid(begin, "map", room.grid, room.cost))
+        yield Message(begin, "/map", messages.grid(begin, "map", room.grid, room.cost))
     robots = range(done.pose.shape[1])
     names = [f"robot{robot}" for robot in robots]
     starts = [("map", f"{name}/odom", done.pose[0, robot]) for robot, name in enumerate(names)]
-    yield _Message(begin, "/tf_static", messages.transforms(begin, starts))
-    odom = np.stack([_from_start(done.pose[:, robot]) for robot in robots], axis=1)
+    yield Message(begin, "/tf_static", messages.transforms(begin, starts))
+    odom = np.stack([from_start(done.pose[:, robot]) for robot in robots], axis=1)
     for k, stamp in enumerate(stamps):
         moved = [(f"{name}/odom", f"{name}/base_footprint", odom[k, robot]) for robot, name in enumerate(names)]
-        yield _Message(stamp, "/tf", messages.transforms(stamp, moved))
+        yield Message(stamp, "/tf", messages.transforms(stamp, moved))
     for robot, name in enumerate(names):
         goal = (*np.broadcast_to(done.goal, (len(names), 2))[robot], 0.0)
-        yield _Message(begin, f"/{name}/goal_pose", messages.pose(begin, "map", goal))
+        yield Message(begin, f"/{name}/goal_pose", messages.pose(begin, "map", goal))
         yield from _motion(done, robot, name, odom[:, robot], stamps)
         if isinstance(done.view, View):
             yield from _plans(done.view, robot, name, stamps)
@@ -122,14 +145,14 @@ def _messages(run: Any, static_map: StaticMap | None, stack: NavigationStack | N
         yield from _costmaps(done, stack, names, stamps)
 
 
-def _from_start(pose: np.ndarray) -> np.ndarray:
-    """Poses [P+1, 3] in the frame of the first."""
+def from_start(pose: np.ndarray) -> np.ndarray:
+    """Poses [K, 3] in the frame of the first."""
     step, turn = pose[:, :2] - pose[0, :2], pose[0, 2]
     along = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     return np.column_stack([step @ along, pose[:, 2] - turn])
 
 
-def _motion(done: Any, robot: int, name: str, odom: np.ndarray, stamps: list[int]) -> Iterator[_Message]:
+def _motion(done: Any, robot: int, name: str, odom: np.ndarray, stamps: list[int]) -> Iterator[Message]:
     """Odometry, localisation and commands of a robot."""
     frame, base = f"{name}/odom", f"{name}/base_footprint"
     speed = done.speed[:, robot]
@@ -137,14 +160,14 @@ def _motion(done: Any, robot: int, name: str, odom: np.ndarray, stamps: list[int
     last: tuple[int, tuple[float, ...]] = (stamps[0], (0.0, 0.0))
     for k, stamp in enumerate(stamps):
         at = messages.odometry(stamp, frame, base, odom[k], speed[min(k, len(speed) - 1)])
-        yield _Message(stamp, f"/{name}/odom", at)
+        yield Message(stamp, f"/{name}/odom", at)
         place = messages.pose_with_covariance(stamp, "map", done.pose[k, robot])
-        yield _Message(stamp, f"/{name}/amcl_pose", place)
+        yield Message(stamp, f"/{name}/amcl_pose", place)
         if k == len(ages):
             break
         now = (_at_instant(stamp - int(ages[k]), stamps), tuple(map(float, done.command[k, robot])))
         if now != last:
-            yield _Message(stamp, f"/{name}/cmd_vel", messages.twist(now[0], base, now[1]))
+            yield Message(stamp, f"/{name}/cmd_vel", messages.twist(now[0], base, now[1]))
             last = now
 
 
@@ -154,7 +177,7 @@ def _at_instant(stamp: int, stamps: list[int]) -> int:
     return min(stamps[max(k - 1, 0) : k + 1], key=lambda each: abs(each - stamp))
 
 
-def _plans(view: View, robot: int, name: str, stamps: list[int]) -> Iterator[_Message]:
+def _plans(view: View, robot: int, name: str, stamps: list[int]) -> Iterator[Message]:
     """The global path, whenever it is another."""
     last: np.ndarray | None = None
     paths, has = np.asarray(view.path)[:, robot], np.asarray(view.has_path)[:, robot]
@@ -162,10 +185,10 @@ def _plans(view: View, robot: int, name: str, stamps: list[int]) -> Iterator[_Me
         if there and (last is None or not np.array_equal(points, last)):
             last = points
             ends = len(points) - int(np.argmax(np.any(points[::-1] != points[-1], axis=1)))  # the last point repeated
-            yield _Message(stamp, f"/{name}/plan", messages.path(stamp, "map", points[: min(ends + 1, len(points))]))
+            yield Message(stamp, f"/{name}/plan", messages.path(stamp, "map", points[: min(ends + 1, len(points))]))
 
 
-def _diagnostics(done: Any, names: list[str], stamps: list[int]) -> Iterator[_Message]:
+def _diagnostics(done: Any, names: list[str], stamps: list[int]) -> Iterator[Message]:
     """What the deadline node of each robot would tell every second: age, and loops whose time is over."""
     deadline, time = float(done.deadline), np.asarray(done.time, np.float64)[:-1]
     tau = float(time[1]) if time.size > 1 else float(done.time[-1])
@@ -182,13 +205,13 @@ def _diagnostics(done: Any, names: list[str], stamps: list[int]) -> Iterator[_Me
                       "missed": over - completed}  # fmt: skip
             words = f"{completed} loops completed, {over - completed} missed"
             told.append((f"/{name}/deadline: loops", 0, words, values))
-        yield _Message(stamps[k], "/diagnostics", messages.diagnostics(stamps[k], told))
+        yield Message(stamps[k], "/diagnostics", messages.diagnostics(stamps[k], told))
 
 
-def _costmaps(done: Any, stack: NavigationStack, names: list[str], stamps: list[int]) -> Iterator[_Message]:
+def _costmaps(done: Any, stack: NavigationStack, names: list[str], stamps: list[int]) -> Iterator[Message]:
     tau = float(done.time[1])
     for k in range(0, len(stamps) - 1, max(round(_EVERY / tau), 1)):
         for robot, name in enumerate(names):
             cost = np.asarray(snapshot(stack, done, k, robot).layers.total())
             made = messages.grid(stamps[k], "map", stack.static_map.grid, np.round(cost))
-            yield _Message(stamps[k], f"/{name}/costmap", made)
+            yield Message(stamps[k], f"/{name}/costmap", made)
