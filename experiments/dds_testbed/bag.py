@@ -18,9 +18,11 @@ _BEGIN = round(BEGIN * 1e9)
 
 
 def record(path: Path, plan: Plan, received: ReceivedBy, start: int) -> Path:
-    """Writes `/robot0/odom`, `/robot0/amcl_pose` and `/tf` at every sampling instant, `/robot0/cmd_vel` as it came.
+    """Writes `/robot0/odom`, `/robot0/amcl_pose` and `/tf` at every sampling instant, and commands.
 
-    A command has the stamp of the state that it answers, so its age can be told; what came before the run is left out.
+    As in Nav2's chain `/robot0/cmd_vel_nav` is what crossed the network, when it came, and `/robot0/cmd_vel` what the
+    deadline gate let through, when it took effect. Both have the stamp of the state that they answer, so their ages can
+    be told; what came before the run is left out.
 
     Args:
         path: Folder of the bag.
@@ -46,8 +48,17 @@ def _messages(plan: Plan, received: ReceivedBy, start: int) -> Iterator[Message]
     for (robot, sequence, stamp), speed in zip(received.rows.tolist(), received.speeds, strict=True):
         if 0 <= sequence < plan.num_ticks:
             source, base = _BEGIN + sequence * plan.tau, f"{names[robot]}/base_footprint"
-            command = messages.twist(source, base, speed)
-            yield Message(_BEGIN + stamp - start, f"/{names[robot]}/cmd_vel", command)
+            yield Message(_BEGIN + stamp - start, f"/{names[robot]}/cmd_vel_nav", messages.twist(source, base, speed))
+    yield from _let_through(plan, names)
+
+
+def _let_through(plan: Plan, names: list[str]) -> Iterator[Message]:
+    with np.load(Path(plan.folder) / "robot.npz") as file:
+        changes = file["changes"]
+    for robot, source, time, *speeds in changes.tolist():
+        name = names[int(robot)]
+        command = messages.twist(_BEGIN + int(source), f"{name}/base_footprint", speeds)
+        yield Message(_BEGIN + int(time), f"/{name}/cmd_vel", command)
 
 
 def _motion(name: str, poses: np.ndarray, speeds: np.ndarray, sent: np.ndarray, tau: int) -> Iterator[Message]:

@@ -18,6 +18,7 @@ from qocjax.config import Part, SimulationConfig, conf_dir, load
 __all__ = ["TestbedConfig", "read_config"]
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class QosConfig(Part):
@@ -49,7 +50,7 @@ class TestbedConfig(SimulationConfig):
     middleware: Literal[MIDDLEWARES]  # type: ignore[valid-type]
     qos: QosConfig
     zenoh: ZenohConfig
-    deadline_ms: Positive
+    deadline_ms: NotNegative
     link: Literal["auto", "tap", "veth"]
     in_order: bool
     warm_up: Positive

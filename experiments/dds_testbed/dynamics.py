@@ -43,6 +43,7 @@ class Robots:
         deadline, tau = plan.design["deadline"], plan.design["tau"]
         self.gates = [DeadlineGate(plan.as_rules(), deadline, tau, origin=0) for _ in range(plan.num_robots)]
         self._pieces: list[tuple[np.ndarray, ...]] = []
+        self._changes: list[tuple[float, ...]] = []
 
     def command(self, arrived: int, robot: int, sequence: int, speeds: tuple[float, float]) -> None:
         """A command has come for a robot."""
@@ -50,13 +51,12 @@ class Robots:
 
     def advance(self, until: int) -> None:
         """Moves the robots on; commands that are due at exactly `until` are in force after it."""
-        changes = [
-            (change.time, robot, change.command)
-            for robot, gate in enumerate(self.gates) for change in gate.advance(until)
-        ]  # fmt: skip
-        for time, robot, command in sorted(changes, key=lambda each: each[0]):
-            self._move_to(time)
-            self._speeds[:, robot] = command
+        changes = [(each, robot) for robot, gate in enumerate(self.gates) for each in gate.advance(until)]
+        for change, robot in sorted(changes, key=lambda each: each[0].time):
+            self._move_to(change.time)
+            self._speeds[:, robot] = change.command
+            source = change.stamp if change.gain > 0.0 else change.time  # a stop is no answer to a state
+            self._changes.append((robot, source, change.time, *change.command))
         self._move_to(until)
 
     def _move_to(self, time: int) -> None:
@@ -79,6 +79,10 @@ class Robots:
         return [(float(nu), float(omega)) for nu, omega in self._speeds.T]
 
     def record(self) -> dict[str, np.ndarray]:
-        """Every piece of motion: when it begins (ns) [K], poses [K, N, 3], speeds [K, 2, N]; and the last poses."""
+        """Every piece of motion: when it begins (ns) [K], poses [K, N, 3], speeds [K, 2, N]; and the last poses.
+
+        Also what the gates let through, in order: robot, stamp and time of effect (ns), nu, omega, [L, 5].
+        """
+        changes = np.array(self._changes, float).reshape(-1, 5)  # ns of a run are exact in floats
         time, pose, speeds = (np.stack(each) for each in zip(*self._pieces, strict=True))
-        return {"time": time, "pose": pose, "speeds": speeds, "last": self.poses()}
+        return {"time": time, "pose": pose, "speeds": speeds, "last": self.poses(), "changes": changes}

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path as File
@@ -33,6 +34,7 @@ from qocjax.ros.node import from_stamp, to_stamp
 __all__ = ["Ends"]
 
 _SUBNET = 0
+_SWITCH = 1e-4  # s, after which a thread of rclpy gives way to the loop
 
 
 class Ends:
@@ -52,6 +54,7 @@ class Ends:
             "FASTDDS_DEFAULT_PROFILES_FILE": str(file),
             "ROS_LOG_DIR": plan.folder,
         }  # fmt: skip
+        sys.setswitchinterval(_SWITCH)
         self._robots = [self._robot(link) for link in range(plan.num_robots)]
         self._threads = [threading.Thread(target=self._spin, args=(each,), daemon=True) for each in self._robots]
         for thread in self._threads:
