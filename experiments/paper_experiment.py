@@ -2,11 +2,11 @@
 
     python -m experiments.paper_experiment [--delays 0 100 ...] [--runs 3] [testbed option=value ...]
 
-For each D_cfg the robots of the testbed run in real time, over ROS 2 and Fast DDS unless told otherwise, and obey each
-command D_cfg after the stamp of its state, as behind the paper's delay node. Each run is recorded as a rosbag2. The bags
-are read as a robot's are (`qocjax.validate measured=recorded`): AUC, E(phi), regimes and rank correlation with S(phi) of
-the simulator, whose loop times are those that the run with the longest delay measured. Runs that the folder holds and
-that were not rejected are kept; a folder is for one set of options.
+For each D_cfg the robots of the testbed run in real time, over ROS 2 and Fast DDS unless told otherwise, and obey
+each command D_cfg after the stamp of its state, as behind the paper's delay node. Each run is recorded as a rosbag2.
+The bags are read as a robot's are (`qocjax.validate measured=recorded`): AUC, E(phi), regimes and rank correlation with
+S(phi) of the simulator, whose loop times are those that the run with the longest delay measured. Runs that the folder
+holds and that were not rejected are kept; a folder is for one set of options.
 """
 
 from __future__ import annotations

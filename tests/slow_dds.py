@@ -23,6 +23,7 @@ class Outcome:
     """What came out: when each sample was handed over, and what was sent."""
 
     handed: dict[int, float] = field(default_factory=dict)
+    received: dict[int, float] = field(default_factory=dict)
     asked: list[float] = field(default_factory=list)
     confirmed: list[float] = field(default_factory=list)
     heartbeats: list[float] = field(default_factory=list)
@@ -122,6 +123,8 @@ class Pair:
             self.next += 1
 
     def on_packet(self, now: float, samples: list[int], void: list[int], told: tuple[int, int] | None) -> None:
+        for k in samples:
+            self.out.received.setdefault(k, now)
         self.cache |= {k for k in samples if k >= self.next}
         self.void |= set(void)
         if told is None:

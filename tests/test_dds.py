@@ -68,6 +68,7 @@ PROFILES = {
     "eager": Profile(depth=20, nack_period=0.0),
     "slow": Profile(depth=40, acknack_delay=0.05, nack_period=0.02, repair_delay=0.01),
     "lifespan": Profile(depth=20, lifespan=0.11),
+    "lifespan from reception": Profile(depth=20, lifespan=0.11, lifespan_from="reception"),
 }
 CHANNELS = {
     "constant": (Constant(0.01), IndependentLoss(0.15)),
@@ -79,7 +80,7 @@ CHANNELS = {
 
 QUICK = {
     ("default", "mild"), ("depth 1", "constant"), ("depth 3, reader 1", "bursts"), ("keep all", "wild"),
-    ("periodic", "bursts"), ("lifespan", "wild"),
+    ("periodic", "bursts"), ("lifespan", "wild"), ("lifespan from reception", "wild"),
 }  # fmt: skip
 PAIRS = [
     pytest.param(name, channel, marks=[] if (name, channel) in QUICK else pytest.mark.slow)
@@ -102,7 +103,8 @@ def test_the_scan_is_the_event_driven_protocol(name: str, channel: str) -> None:
         per_packet = profile.repairs_per_packet(topic.payload)
         fate, most = same_draws(draws, other.link, tau), draws.heartbeats.delay.shape[1]
         slow = slow_dds.Pair(list(write), profile, per_packet, most, fate).run()
-        late = {k: t for k, t in slow.handed.items() if t - write[k] > profile.lifespan}
+        begin = write if profile.lifespan_from == "source" else slow.received
+        late = {k: t for k, t in slow.handed.items() if t - begin[k] > profile.lifespan}
         expected = np.full(TICKS, np.inf)
         for k, time in slow.handed.items():
             expected[k] = time - write[k] if k not in late else np.inf
@@ -267,6 +269,21 @@ def test_lifespan_bounds_what_is_handed_over() -> None:
     assert np.isinf(times).mean() > 0.01
 
 
+def test_a_lifespan_from_reception_lets_old_samples_through() -> None:
+    """A way of 150 ms under a lifespan of 100 ms: all are handed over, or none, as Cyclone DDS and Fast DDS do."""
+    write = jnp.arange(5) * 0.1
+    for lifespan_from, expected in (("reception", write + 0.15), ("source", jnp.full(5, jnp.inf))):
+        profile = Profile("best_effort", lifespan=0.1, lifespan_from=lifespan_from)
+        np.testing.assert_allclose(best_effort(write, write + 0.15, profile), expected)
+        held = in_sequence(
+            write, write + 0.15, jnp.full(5, jnp.inf), Profile(lifespan=0.1, lifespan_from=lifespan_from)
+        )
+        np.testing.assert_allclose(held, expected)
+    released = jnp.full(3, jnp.inf).at[0].set(0.4)  # what waits behind a gap for longer than that is old by either rule
+    received, profile = jnp.asarray([jnp.inf, 0.25, 0.35]), Profile(lifespan=0.1, lifespan_from="reception")
+    np.testing.assert_allclose(in_sequence(write[:3], received, released, profile), [jnp.inf, jnp.inf, 0.4])
+
+
 def test_same_chance_for_all_profiles(lossy: dict[str, np.ndarray]) -> None:
     """Common random numbers: what nothing holds up takes the same time in every profile."""
     direct = np.isfinite(lossy["best effort"]) & np.isclose(lossy["best effort"], lossy["10"], atol=1e-9)
@@ -354,6 +371,7 @@ def test_float32_does_the_same() -> None:
         (lambda: Profile(reader_depth=1.5), r"Profile.reader_depth: got 1.5"),  # type: ignore[arg-type]
         (lambda: Profile(heartbeat_period=0.0), r"Profile.heartbeat_period: got 0.0, expected > 0"),
         (lambda: Profile(lifespan=-1.0), r"Profile.lifespan: got -1.0"),
+        (lambda: Profile(lifespan_from="sender"), r"Profile.lifespan_from: got 'sender'"),
         (lambda: Profile(piggyback=1), r"Profile.piggyback: got 1, expected True or False"),  # type: ignore[arg-type]
         (lambda: Topic(payload=0), r"Topic.payload: got 0"),
         (lambda: Topic(profile="x"), r"Topic.profile: got 'x', expected a Profile"),  # type: ignore[arg-type]

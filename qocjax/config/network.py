@@ -57,6 +57,7 @@ class ProfileConfig(Part):
     depth: int | None
     reader_depth: int | None
     lifespan: float
+    lifespan_from: str
     deadline: float
     heartbeat_period: float
     piggyback: bool

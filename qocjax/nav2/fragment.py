@@ -148,7 +148,9 @@ _QOS = """
 #   For code of your own, not for Nav2 (in nanoseconds):
 #     lifespan: {lifespan}
 #       A command older than the deadline is of no use. It counts for one topic, from the writer on; the deadline
-#       covers the whole loop, uplink, compute and downlink, so this is its upper limit.
+#       covers the whole loop, uplink, compute and downlink, so this is its upper limit. Fast DDS drops at the reader
+#       what was written longer ago (clocks in step); Cyclone DDS counts there from reception and hands a late command
+#       over; Zenoh has none. Only the deadline node drops every late command.
 #     deadline: {gap_ns}
 #       Not the loop's deadline, but the longest time between two messages: {gap} ms, as 99 % of the runs of misses
 #       are no longer than {run} loops. A reader asks for no less than the writer offers.

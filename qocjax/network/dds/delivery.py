@@ -22,7 +22,7 @@ def queued(arrival: Array) -> Array:
 def best_effort(write: Array, arrival: Array, profile: Profile) -> Array:
     """Hands over each sample as it arrives, unless a newer one is there or its lifespan is over; [P] s, inf if not."""
     later = jnp.append(lax.cummin(arrival, reverse=True)[1:], jnp.inf)
-    return _young(write, jnp.where(arrival <= later, arrival, jnp.inf), profile)
+    return _young(write, arrival, jnp.where(arrival <= later, arrival, jnp.inf), profile)
 
 
 def in_sequence(write: Array, received: Array, released: Array, profile: Profile) -> Array:
@@ -45,12 +45,13 @@ def in_sequence(write: Array, received: Array, released: Array, profile: Profile
         upto = jnp.cumsum(arrived)
         of_burst = upto[jnp.searchsorted(turn, turn, side="right") - 1]
         arrived = arrived & (of_burst - upto < profile.reader_depth)
-    return _young(write, jnp.where(arrived, turn, jnp.inf), profile)
+    return _young(write, received, jnp.where(arrived, turn, jnp.inf), profile)
 
 
-def _young(write: Array, handed: Array, profile: Profile) -> Array:
-    written = jnp.where(jnp.isfinite(write), write, 0.0)
-    return jnp.where(handed - written <= profile.lifespan, handed, jnp.inf)
+def _young(write: Array, received: Array, handed: Array, profile: Profile) -> Array:
+    begin = write if profile.lifespan_from == "source" else received
+    begin = jnp.where(jnp.isfinite(begin), begin, 0.0)
+    return jnp.where(handed - begin <= profile.lifespan, handed, jnp.inf)
 
 
 def missed_periods(handed: Array, period: float, until: Array | float) -> Array:

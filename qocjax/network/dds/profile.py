@@ -12,6 +12,7 @@ from qocjax.network._fields import plain, store_float
 __all__ = ["RELIABILITIES", "WINDOW", "Profile"]
 
 RELIABILITIES = ("best_effort", "reliable")
+LIFESPANS = ("source", "reception")
 WINDOW = 256  # samples that one ACKNACK can ask for (RTPS 2.5, SequenceNumberSet)
 
 # Bytes on the wire: IPv4 and UDP headers, RTPS header, and submessages (RTPS 2.5, section 9.4.5).
@@ -29,6 +30,8 @@ class Profile:
         depth: KEEP_LAST depth of the writer's history; None for KEEP_ALL.
         reader_depth: Samples of a burst that the reader hands over, its newest; None for all.
         lifespan: Age (s) from which a sample is neither repaired nor handed over.
+        lifespan_from: From when the reader counts it: `source`, when the sample was written, as Fast DDS does (clocks
+            must be in step), or `reception`, as Cyclone DDS does: then a sample may be older by its way.
         deadline: DDS's DEADLINE (s): periods without a sample are counted, no more. Not the deadline of a loop.
         heartbeat_period: Time (s) since the last heartbeat after which the writer sends one by itself.
         piggyback: Whether every sample carries a heartbeat, so that any later sample shows a gap. Without, only
@@ -42,6 +45,7 @@ class Profile:
     depth: int | None = 10
     reader_depth: int | None = None
     lifespan: float = math.inf
+    lifespan_from: str = "source"
     deadline: float = math.inf
     heartbeat_period: float = 0.1
     piggyback: bool = True
@@ -51,6 +55,7 @@ class Profile:
 
     def __post_init__(self) -> None:
         _checks.choice("Profile.reliability", self.reliability, RELIABILITIES)
+        _checks.choice("Profile.lifespan_from", self.lifespan_from, LIFESPANS)
         for name in ("depth", "reader_depth"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _checks.count(f"Profile.{name}", value))
