@@ -12,10 +12,12 @@ import numpy as np
 
 from experiments.dds_testbed import link, middlewares
 from experiments.dds_testbed.messages import Message, Received
-from experiments.dds_testbed.namespaces import die_with_parent, enter_private
+from experiments.dds_testbed.namespaces import die_with_parent, enter_private, run_ahead
 from experiments.dds_testbed.plan import Plan, receive, send
 
 __all__ = ["Side"]
+
+_PRIORITY = 1
 
 
 class Side:
@@ -29,6 +31,7 @@ class Side:
         robots = range(self.plan.num_robots)
         send(self._hub, [link.open_tap(each) for each in robots] if self.plan.tap else None, side=side)
         receive(self._hub)  # the other ends are open now
+        run_ahead(_PRIORITY)  # with the middleware's threads, or what they do late would not be seen
         self._ends = middlewares.connect(self.plan, side)
         self._received: list[Received] = []
 
