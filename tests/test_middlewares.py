@@ -100,6 +100,34 @@ def test_fast_dds_is_kept_on_the_radio() -> None:
     assert [each.text for each in root.iter(f"{space}address")] == ["10.77.0.2"]
 
 
+@pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of a parser that ROS brings
+def test_ros_messages_hold_what_the_loop_needs() -> None:
+    """Poses, ages and marks come back from the bytes that ROS sends; what goes along has the stamp, not the mark."""
+    pytest.importorskip("rclpy", reason="no ROS 2 here (pip install 'qocjax[ros2]')")
+    from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+    from nav_msgs.msg import Path as RosPath
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from experiments.dds_testbed.middlewares import ros_messages
+    from qocjax.ros.node import from_stamp, to_stamp
+
+    path, pose, twist = RosPath(), PoseWithCovarianceStamped(), TwistStamped()
+    for each in (path, pose, twist):
+        each.header.stamp, each.header.frame_id = to_stamp(STATE.uplink_send), ros_messages.FRAME
+    ros_messages.fill_path(path, STATE.uplink_send, STATE.poses, STATE.ages)
+    ros_messages.fill_pose(pose.pose.pose, STATE.poses[:3])
+    ros_messages.fill_twist(twist.twist, COMMAND[1:])
+    sent = serialize_message(path)
+    came = deserialize_message(sent, RosPath)
+    assert sum((ros_messages.placed(each.pose) for each in came.poses), ()) == pytest.approx(STATE.poses)
+    ages = [1e-9 * (STATE.uplink_send - from_stamp(each.header.stamp)) for each in came.poses]
+    assert ages == pytest.approx(STATE.ages)
+    assert sent.count(ros_messages.mark_of(came)) == 1
+    assert ros_messages.mark_of(came) not in serialize_message(pose)
+    sent = serialize_message(twist)
+    assert sent.count(ros_messages.mark_of(deserialize_message(sent, TwistStamped))) == 1
+
+
 def test_options_of_a_middleware_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = read_config(["middleware=zenoh", "zenoh.congestion=block", "qos.depth=null"]).build_plan(False, Path())
     assert plan.options == {"protocol": "tcp", "congestion": "block", "express": False} and plan.depth is None

@@ -15,7 +15,6 @@ sampling instants, so they tell the sequence number.
 from __future__ import annotations
 
 import os
-import struct
 import sys
 import threading
 from collections.abc import Callable
@@ -26,7 +25,7 @@ from experiments.dds_testbed.link import ROBOT, address, configure
 from experiments.dds_testbed.messages import Command, Message, Received, State
 from experiments.dds_testbed.middlewares.arrivals import Arrivals
 from experiments.dds_testbed.middlewares.fastdds_profile import profile
-from experiments.dds_testbed.middlewares.ros_messages import FRAME, fill_path, fill_pose, fill_twist, placed
+from experiments.dds_testbed.middlewares.ros_messages import FRAME, fill_path, fill_pose, fill_twist, mark_of, placed
 from experiments.dds_testbed.namespaces import Room
 from experiments.dds_testbed.plan import Plan
 from qocjax.ros.node import from_stamp, to_stamp
@@ -93,14 +92,12 @@ class Ends:
     def _received(self, robot: int, content: Any, stamp: int) -> Received:
         source = from_stamp(content.header.stamp)
         sequence = round((source - self._start) / self._plan.tau)
-        header = struct.pack("<iII", *divmod(source, 1_000_000_000), len(FRAME) + 1) + f"{FRAME}\0".encode()
         if self._side == ROBOT:
             command = Command(sequence, content.twist.linear.x, content.twist.angular.z)
-            return Received(robot, command, stamp, header)
+            return Received(robot, command, stamp, mark_of(content))
         poses = [value for each in content.poses for value in placed(each.pose)]
         ages = [1e-9 * (source - from_stamp(each.header.stamp)) for each in content.poses]
-        count = struct.pack("<I", len(content.poses))  # poses of one robot have none, under the same stamp
-        return Received(robot, State(sequence, source, poses, ages), stamp, header + count)
+        return Received(robot, State(sequence, source, poses, ages), stamp, mark_of(content))
 
     def close(self) -> None:
         """Ends the nodes."""

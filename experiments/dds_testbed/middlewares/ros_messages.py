@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
 from typing import Any
 
 from qocjax.ros.node import to_stamp
 
-__all__ = ["FRAME", "fill_path", "fill_pose", "fill_twist", "placed"]
+__all__ = ["FRAME", "fill_path", "fill_pose", "fill_twist", "mark_of", "placed"]
 
 FRAME = "map"
 
@@ -27,6 +28,16 @@ def placed(pose: Any) -> tuple[float, float, float]:
 def fill_twist(twist: Any, speeds: Sequence[float]) -> None:
     """geometry_msgs/Twist of nu, omega."""
     twist.linear.x, twist.angular.z = speeds
+
+
+def mark_of(message: Any) -> bytes:
+    """What no other message on the link has, as it is in CDR, little-endian.
+
+    Of a path it is the header and the number of poses: a message about one robot has none, under the same stamp.
+    """
+    stamp, frame = message.header.stamp, message.header.frame_id.encode() + b"\0"
+    header = struct.pack("<iII", stamp.sec, stamp.nanosec, len(frame)) + frame
+    return header + struct.pack("<I", len(message.poses)) if hasattr(message, "poses") else header
 
 
 def fill_path(path: Any, stamp: int, poses: Sequence[float], ages: Sequence[float]) -> None:
