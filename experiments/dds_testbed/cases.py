@@ -38,11 +38,14 @@ class Case:
     profile: str
     loss: float
     bursty: bool
+    middleware: str = "cyclonedds"
+    horizon: float = HORIZON  # s
 
     @property
     def name(self) -> str:
         """Name of its folder."""
-        return f"{self.profile}-{self.loss * 100:g}{'-bursty' if self.bursty else ''}"
+        of = "" if self.middleware == "cyclonedds" else f"{self.middleware}-"
+        return f"{of}{self.profile}-{self.loss * 100:g}{'-bursty' if self.bursty else ''}"
 
     def process(self) -> IndependentLoss | GilbertElliott:
         """What loses its messages."""
@@ -54,7 +57,8 @@ class Case:
         """As options of the testbed; channels have random numbers of their own, profiles share them."""
         reliability, depth = PROFILES[self.profile]
         key = round(1000 * self.loss) + self.bursty
-        options = [f"qos.reliability={reliability}", f"qos.depth={depth}", f"key={key}", f"scenario.horizon={HORIZON}"]
+        options = [f"middleware={self.middleware}", f"qos.reliability={reliability}", f"qos.depth={depth}",
+                   f"key={key}", f"scenario.horizon={self.horizon}"]  # fmt: skip
         for leg in ("uplink", "downlink"):
             if isinstance(process := self.process(), GilbertElliott):
                 options.append(f"loss@network.{leg}.loss=gilbert_elliott")
@@ -95,7 +99,7 @@ def summarise(cases: Iterable[Case], folder: Path) -> tuple[pd.DataFrame, pd.Dat
         record = json.loads((folder / case.name / "record.json").read_text(encoding="utf-8"))
         link, late = record["link"], record["lateness"]
         rows.append(
-            {"loss": case.loss, "bursty": case.bursty, "profile": case.profile}
+            {"middleware": case.middleware, "loss": case.loss, "bursty": case.bursty, "profile": case.profile}
             | record["loops"]
             | {f"{leg}_bytes": link[leg]["bytes"] for leg in link}
             | {f"{leg}_frames": link[leg]["frames"] for leg in link}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import signal
 import tempfile
 from collections.abc import Callable
@@ -26,7 +27,7 @@ from qocjax.store import provenance, write_json, written
 
 __all__ = ["measure", "run_and_write"]
 
-_FRAMES_PER_LOOP = 4  # of each direction; so many get draws of their own
+_FRAMES_PER_LOOP = {"fastdds": 12}  # of each direction; so many get draws of their own, of others 4
 
 
 def run_and_write(options: list[str]) -> bool:
@@ -36,6 +37,8 @@ def run_and_write(options: list[str]) -> bool:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that everything is put away then, too
     config = read_config(options)
     require(config.middleware)
+    if config.bag and importlib.util.find_spec("rosbags") is None:
+        raise OSError("bag=true needs rosbags, found none: pip install 'qocjax[ros]'")
     record = measure(config, Path(config.folder), lambda text: print(text, flush=True))
     print(_summary(record))
     for reason in record["rejected"]:
@@ -56,7 +59,9 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
         plan, network = config.build_plan(tap, Path(folder)), config.build_network()
         of_radio, of_compute = jax.random.split(jax.random.key(config.key))
         ticks, tau = plan.num_ticks + sum(plan.padding) + 50, plan.design["tau"]
-        radio = draw_radio(network, of_radio, ticks * _FRAMES_PER_LOOP, ticks, plan.num_robots, tau)
+        radio = draw_radio(
+            network, of_radio, ticks * _FRAMES_PER_LOOP.get(plan.middleware, 4), ticks, plan.num_robots, tau
+        )
         np.save(Path(folder) / "compute.npy", compute_times(network, of_compute, ticks, plan.num_robots))
         say(f"{'TAP' if tap else 'virtual Ethernet'} links, one for each of {plan.num_robots} robots")
         with Hub(plan) as hub:
@@ -66,9 +71,9 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
         for robot, table in loops.groupby("robot"):
             _write_csv(output / f"loops_{robot}.csv", table)
         _write_csv(output / "poses.csv", scores.pose_table(plan))
+        write_json(output / "record.json", record)
         if config.bag:
             bag.record(output / "bag", plan, received[ROBOT], traffic.start)
-    write_json(output / "record.json", record)
     return record
 
 
