@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from hydra import compose, initialize_config_dir
 
-from experiments.dds_testbed.config import TestbedConfig, read_config
+from experiments.dds_testbed.config import read_config
 from qocjax import validate
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
@@ -31,6 +31,7 @@ __all__ = ["bags_of", "main", "measure", "options_of", "validation"]
 ROOT = Path(__file__).resolve().parents[1]
 DELAYS = (0, 50, 100, 150, 200, 250, 300, 400, 500, 600, 700, 800)  # ms
 _ALWAYS = ("middleware=fastdds", "network=paper", "loop.tau=0.05", "loop.actuation=deadline", "bag=true")
+_SHARED = ("scenario", "robot", "controller", "loop")  # options that say as much of S
 _ATTEMPTS = 3
 
 
@@ -103,16 +104,19 @@ def _longest(folder: Path, delays: Iterable[float], runs: int) -> Path:
     return next(place for place in places if _reasons(place) == []) / "loops_0.csv"
 
 
-def validation(folder: Path, bags: Path, loops: Path, config: TestbedConfig) -> validate.Outcome:
-    """E of the bags against S, for the scenario, robot and rules of the runs."""
-    scenario = config.scenario
+def validation(folder: Path, delays: Iterable[float], runs: int, further: Iterable[str]) -> validate.Outcome:
+    """E of the runs that count against S, for their scenario, robot, law and rules."""
+    bags, loops = bags_of(folder, delays, runs), _longest(folder, delays, runs)
+    shared = [each for each in further if each.split("=")[0].split(".")[0] in _SHARED]
     options = [
         "measured=recorded", f"measured.path={bags}", "measured.labels.pattern='delay_{d_cfg_ms}_run_{run}'",
-        "measured.label=d_cfg_ms", "validation.delay_ms=null", f"loop.tau={config.loop.tau}",
-        f"scenario.horizon={scenario.horizon}", "network=trace", f"network.path={loops}", "network.column=loop_time",
-        "network.unit=s", "network.sequence=sequence",
-        f"network.period={config.loop.tau}", "validation.seeds=8",
+        "measured.label=d_cfg_ms", f"validation.delay_ms=[{','.join(f'{delay:g}' for delay in delays)}]",
+        "validation.seeds=8", "network=trace", f"network.path={loops}", "network.column=loop_time", "network.unit=s",
+        "network.sequence=sequence",
     ]  # fmt: skip
+    of_runs = read_config(options_of(0.0, 0, further))
+    options += [*shared, f"loop.tau={of_runs.loop.tau}", f"network.period={of_runs.loop.tau}",
+                f"scenario.horizon={of_runs.scenario.horizon}"]  # fmt: skip
     with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
         composed = load(ValidateConfig, compose("validate", options))
     return validate.run(composed, folder / "validation")
@@ -133,10 +137,7 @@ def main(arguments: list[str]) -> int:
         for delay in delays:
             read_config(options_of(delay, 0, given.options)).build_plan(False, Path())
         said = measure(given.folder, delays, given.runs, given.options)
-        bags = bags_of(given.folder, delays, given.runs)
-        config = read_config(options_of(delays[-1], 0, given.options))
-        loops = _longest(given.folder, delays, given.runs)
-        print("\n" + validate.report(validation(given.folder, bags, loops, config)))
+        print("\n" + validate.report(validation(given.folder, delays, given.runs, given.options)))
     except (ValueError, TypeError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

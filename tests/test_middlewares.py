@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from experiments import paper_experiment
 from experiments.dds_testbed.bag import record
 from experiments.dds_testbed.config import read_config
 from experiments.dds_testbed.crossing import Crossed, ReceivedBy, past_the_radio
@@ -144,9 +145,13 @@ def test_options_of_a_middleware_are_checked(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.fixture
 def driven(tmp_path: Path) -> tuple[object, object, int]:
+    return drive(tmp_path, ["scenario.horizon=4.0", f"deadline_ms={DEADLINE * 1e3:g}"])
+
+
+def drive(folder: Path, options: list[str]) -> tuple[object, object, int]:
     """A run without a middleware: plan, what the robots received, start. Loops take their time and are lost."""
-    config = read_config(["scenario.horizon=4.0", f"deadline_ms={DEADLINE * 1e3:g}", "loop.actuation=deadline"])
-    plan, start = config.build_plan(False, tmp_path), 77_000_000_000
+    config = read_config([*options, "loop.actuation=deadline"])
+    plan, start = config.build_plan(False, folder), 77_000_000_000
     times = np.array(paper_network().draw(jax.random.key(3), plan.num_ticks, 2, plan.design["tau"]))
     times[50:60] = np.inf
     robots, law, coming, rows, speeds = Robots(plan), law_of(plan), [], [], []
@@ -164,7 +169,7 @@ def driven(tmp_path: Path) -> tuple[object, object, int]:
             arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
             coming.append((arrived, int(robot), tick, tuple(answers[:, robot].tolist())))
     robots.advance(round(plan.horizon * 1e9))
-    np.savez(tmp_path / "robot.npz", stamps=stamps, **robots.record())
+    np.savez(folder / "robot.npz", stamps=stamps, **robots.record())
     return plan, ReceivedBy(np.array(rows), np.array(speeds), np.zeros(len(rows), "V1")), start
 
 
@@ -234,3 +239,45 @@ def test_short_run(middleware: str, tmp_path: Path) -> None:
     assert loops["lost"].mean() < 0.05 and found["messages"]["uplink"]["repeated"] == 0
     assert found["link"]["uplink"]["frames_dropped"] > 0
     np.testing.assert_allclose(found["auc"], found["auc_replayed"], rtol=0.03)
+
+
+def test_paper_experiment_takes_the_runs_that_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for delay, run, rejected in ((0, 0, []), (100, 0, ["late"]), (100, 1, [])):
+        place = tmp_path / "runs" / f"delay_{delay}" / str(run)
+        (place / "bag").mkdir(parents=True)
+        (place / "record.json").write_text(json.dumps({"rejected": rejected}), encoding="utf-8")
+    for _ in range(2):  # again, when there are bags already
+        bags = paper_experiment.bags_of(tmp_path, [0, 100, 200], 2)
+        assert sorted(each.name for each in bags.iterdir()) == ["delay_0_run_0", "delay_100_run_1"]
+        assert all((each / "..").resolve().parent.name.startswith("delay_") for each in bags.iterdir())
+    with pytest.raises(ValueError, match="got no run that counts"):
+        paper_experiment.bags_of(tmp_path, [200], 2)
+    for arguments, text in (
+        (["--delays", "0", "100"], "got 2 delays and 1 runs, expected 3 delays"),
+        (["--delays", "0", "100", "-5"], "deadline_ms: got -5"),
+        (["qos.depth=0"], "qos.depth: got 0"),
+    ):
+        assert paper_experiment.main(["--folder", str(tmp_path / "none"), *arguments]) == 2
+        assert text in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
+def test_paper_experiment_with_robots_that_are_the_simulator_s(tmp_path: Path) -> None:
+    """Bags of runs without a middleware: the path from bags to the rank correlation, where E is S with other loops."""
+    pytest.importorskip("rosbags")
+    delays, options = (100, 200, 300, 400, 600), ["scenario.horizon=4.0"]
+    for delay in delays:
+        place = tmp_path / "runs" / f"delay_{delay}" / "0"
+        place.mkdir(parents=True)
+        plan, received, start = drive(place, [*options, "loop.tau=0.05", f"deadline_ms={delay}"])
+        record(place / "bag", plan, received, start)
+        (place / "record.json").write_text(json.dumps({"rejected": []}), encoding="utf-8")
+        rows = received.rows[received.rows[:, 0] == 0]
+        times = np.full(plan.num_ticks, np.inf)
+        times[rows[:, 1]] = (rows[:, 2] - start) * 1e-9 - rows[:, 1] * 0.05
+        loops = pd.DataFrame({"sequence": np.arange(plan.num_ticks), "loop_time": times})
+        loops.to_csv(place / "loops_0.csv", index=False)
+    found = paper_experiment.validation(tmp_path, delays, 1, options)
+    assert found.validation.curve["delay"].tolist() == pytest.approx([each * 1e-3 for each in delays])
+    assert found.validation.agreement.spearman.value >= 0.6
