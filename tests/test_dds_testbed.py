@@ -237,7 +237,7 @@ def test_short_run(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, text=True, capture_output=True, timeout=120)
     assert done.returncode == 0, done.stderr
     record = json.loads((tmp_path / "record.json").read_text(encoding="utf-8"))
-    trace = read_trace(tmp_path / "loops_1.csv", "loop_time", "s", sequence="sequence")
+    trace = read_trace(tmp_path / "loops_1.csv", "loop_time", "s", sequence="sequence", period=TAU)
     loops = pd.concat([pd.read_csv(tmp_path / f"loops_{robot}.csv") for robot in (0, 1)])
     assert len(np.asarray(trace.delays)) == 200 and len(loops) == 400
     assert stats.binomtest(int(loops["lost"].sum()), 400, 0.2).pvalue > 1e-3

@@ -20,7 +20,7 @@ from experiments.dds_testbed.bag import record
 from experiments.dds_testbed.config import read_config
 from experiments.dds_testbed.crossing import Crossed, ReceivedBy, past_the_radio
 from experiments.dds_testbed.dynamics import Robots, law_of
-from experiments.dds_testbed.link import EDGE, ROBOT
+from experiments.dds_testbed.link import EDGE, ROBOT, tap_usable
 from experiments.dds_testbed.messages import Command, State
 from experiments.dds_testbed.middlewares import MIDDLEWARES, require
 from experiments.dds_testbed.middlewares.arrivals import Arrivals
@@ -221,6 +221,8 @@ def needs_namespaces(middleware: str) -> None:
         pytest.skip(str(error))
     if not shutil.which("ip") or subprocess.run(["unshare", "--net", "true"], capture_output=True).returncode != 0:
         pytest.skip("needs iproute2 and a network namespace: root, or user namespaces")
+    if middleware == "fastdds" and not tap_usable():
+        pytest.skip("needs TAP devices: /dev/net/tun")
 
 
 @pytest.mark.slow

@@ -55,6 +55,9 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
         OSError: The system does not let the testbed run, or a process fails.
     """
     tap = config.link == "tap" or (config.link == "auto" and tap_usable())
+    if config.middleware == "fastdds" and not tap:
+        raise OSError("middleware=fastdds needs TAP devices (link=tap, /dev/net/tun): over virtual Ethernet its nodes "
+                      "do not find each other")  # fmt: skip
     with tempfile.TemporaryDirectory(prefix="dds_testbed-") as folder:
         plan, network = config.build_plan(tap, Path(folder)), config.build_network()
         of_radio, of_compute = jax.random.split(jax.random.key(config.key))
