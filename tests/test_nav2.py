@@ -170,6 +170,17 @@ def test_limits_that_nav2_refuses_are_refused(limits: str, message: str) -> None
         read_params_of(FILE.replace(SMOOTHER, f"{SMOOTHER}    {limits}\n"))
 
 
+def test_overrides_of_qos_that_do_nothing_or_harm_are_said() -> None:
+    lines = """\
+    qos_overrides./cmd_vel_nav.publisher.depth: 1
+    qos_overrides./cmd_vel_nav.publisher.reliability: best_effort
+    qos_overrides./cmd_vel_nav.publisher.lifespan: 100000000
+"""
+    remarks = read_params_of(FILE.replace("    controller_frequency", lines + "    controller_frequency", 1)).remarks
+    assert len(remarks) == 3 and any("Nav2's readers are RELIABLE" in each for each in remarks)
+    assert any("lifespan: Nav2 lets history, depth, reliability and durability" in each for each in remarks)
+
+
 def test_where_the_stack_is_not_the_files_is_said(tmp_path: Path) -> None:
     def notes(text: str) -> str:
         (tmp_path / "nav2.yaml").write_text(text, encoding="utf-8")

@@ -137,6 +137,8 @@ def params_of(document: Document) -> NavParams:
     reader.unknown += [f"controller_server of /{'/'.join(each)}: another robot's" for each in spaces[1:]]
     for section in document.sections:
         for found in document.of(section):
+            if found.name.startswith("qos_overrides."):
+                reader.remarks += _qos_remarks(document.name, found)
             if found.name == "cmd_vel_timeout":
                 known = facts("diff_drive_controller")[0]
                 values["/".join(section.path), "cmd_vel_timeout"] = reader.checked(found, known)
@@ -261,6 +263,18 @@ def _least(cap: float | None, limits: tuple[float, ...] | None, index: int) -> f
     """The lower of two caps, one of which may be missing."""
     known = [each for each in (cap, limits[index] if limits else None) if each is not None]
     return min(known) if known else None
+
+
+def _qos_remarks(name: str, found: Found) -> list[str]:
+    """What an override of QoS does not do in Nav2 (from Lyrical on; before there are none)."""
+    policy = found.name.rpartition(".")[2]
+    if policy not in ("history", "depth", "reliability", "durability"):
+        return [f"{name}:{found.line}: {found.name}: Nav2 lets history, depth, reliability and durability be "
+                "overridden, so this does nothing"]  # fmt: skip
+    if policy == "reliability" and found.value == "best_effort" and ".publisher." in found.name:
+        return [f"{name}:{found.line}: {found.name} is best_effort; Nav2's readers are RELIABLE and take nothing from "
+                "such a writer"]  # fmt: skip
+    return []
 
 
 def _rate(limits: tuple[float, ...] | None, index: int, sign: int) -> float | None:
