@@ -1,7 +1,7 @@
 """What limits on acceleration cost, paired on the same seeds: python experiments/acceleration.py
 
-The paper's robots obey a command at once. Here they take time, and the deadline that keeps them apart moves. Half a
-minute on two cores.
+The paper's robots obey a command at once. Here they take time, and the deadline that keeps them apart moves. Ten
+seconds on two cores.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from qocjax.figures import (
     trajectories,
 )
 from qocjax.figures.advice import advice_figure
-from qocjax.figures.colliding import BREAKS, OPEN, collision_cells
+from qocjax.figures.colliding import BREAKS, HATCHES, OPEN, collision_cells
 from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.paths import closest_approach
 
@@ -236,8 +236,13 @@ def test_map_hatches_what_collides_too_often() -> None:
     np.testing.assert_array_equal(cells, np.tile([0] * 6 + [OPEN, BREAKS, BREAKS], (4, 1)))
     assert (collision_cells(rows, 0.5)[:, 6] == 0).all()
     figure = qoc_map(results, POLICIES, "eta", limit=0.05)
-    hatched = [patch for patch in figure.axes[0].patches if patch.get_hatch()]
-    assert len(hatched) == 8 and {patch.get_width() > 150 for patch in hatched} == {True, False}
+    hatched = {patch.get_hatch(): patch.get_path() for patch in figure.axes[0].patches}
+    assert set(hatched) == set(HATCHES.values())
+    for kind, hatch in HATCHES.items():  # each covers its own cells, and nothing else
+        covered = [
+            [hatched[hatch].contains_point((1e3 * at, k)) for at in np.unique(rows["deadline"])] for k in range(4)
+        ]
+        np.testing.assert_array_equal(covered, cells == kind)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts[-2:] == ["collisions above 5%", "not shown to be below"]
     assert not qoc_map(results, POLICIES, "eta").axes[0].patches

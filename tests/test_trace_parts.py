@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from qocjax import Design, QocScale, Scenario, paper_network
-from qocjax.network import Trace
+from qocjax.network import ComputedTrace, Constant, Edge, Trace
+from qocjax.network.edge_network import EdgeNetwork
 from qocjax.study.objective import Objective
 from qocjax.study.robust import _Bench
 from qocjax.study.scores import Scores
@@ -57,6 +58,19 @@ def test_further_seeds_of_the_stretch_judge_it() -> None:
     assert part.change.given.mean == pytest.approx(part.scores.values[0].mean() - scores.values[0].mean())
     assert part.change.given.high < 0.0  # most loops are missed there
     assert part.scores.units is None and np.isfinite(part.scores[0].mean().given.se)
+
+
+@pytest.mark.parametrize("behind_an_edge", [False, True])
+def test_a_trace_with_a_computation_has_a_worst_part_too(behind_an_edge: bool) -> None:
+    network = ComputedTrace(trace(), Constant(0.01))
+    objective = goal(EdgeNetwork(network, Edge()) if behind_an_edge else network)
+    fresh = seeds_apart(objective.network, 0, [32, 64], SCENARIO.horizon, 0.1)[-1]
+    scores = objective.judged(objective.runs(stacked([BASE]), fresh))
+    part = worst_part(objective, scores, stacked([BASE]))
+    assert part is not None and part.change.given.high < 0.0
+    late = np.asarray(trace().delays)[400:480] > 0.14
+    near = 4 * float(part.reliability.error) + 1e-6  # behind an edge F is simulated
+    assert (near > 1e-5) == behind_an_edge and float(part.reliability.share) == pytest.approx(1 - late.mean(), abs=near)
 
 
 def test_it_is_a_row_of_its_own_where_the_trace_is_long_enough() -> None:

@@ -133,8 +133,6 @@ def _smoother(best: Set, params: NavParams | None) -> Iterator[Change]:
     for name, sign in (("max_velocity", 1.0), ("min_velocity", -1.0)):
         given = params and params.limits(name)
         limits = list(given or _SMOOTHER[name])
-        if len(limits) not in (3, 6):
-            raise ValueError(f"{node}.{name}: got {len(limits)} numbers, expected 3 (x, y, turn) or 6")
         for k, cap in zip((0, -1), caps, strict=True):
             free = params is None and (k == -1 or sign > 0)  # without a file, backwards no faster than Nav2's default
             limits[k] = sign * (cap if free else min(cap, abs(limits[k])))

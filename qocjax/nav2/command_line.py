@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import yaml
 
 from qocjax.config.part import conf_dir
-from qocjax.nav2.known import CRITICS, MPPI
-from qocjax.nav2.options import stack_options, to_options
+from qocjax.nav2.known import MPPI
+from qocjax.nav2.options import NO_HEADING, critics_of, stack_options, to_options
 from qocjax.nav2.read import NavParams, read_params
 
 __all__ = ["with_nav2"]
@@ -61,10 +61,11 @@ def _on_the_stack(params: NavParams) -> list[str]:
     if first is None or first.kind != MPPI:
         kind = "not known" if first is None else first.kind.rpartition("::")[2]
         return [f"its controller is {kind}; the simulated stack is MPPI, with values of its own"]
+    said = [] if critics_of(first) else [f"{first.name} names no critic that is simulated; the stack keeps its own"]
     named = first.values.get("critics")
-    if not isinstance(named, list) or not any(name in CRITICS for name in named):
-        return [f"{first.name} names no critic that is simulated; the stack keeps its own"]
-    return []
+    if isinstance(named, list) and NO_HEADING in named:
+        said.append(f"left alone: {first.name}.{NO_HEADING}: simulated goals have no heading")
+    return said
 
 
 def _override(name: str, value: float | None) -> str:

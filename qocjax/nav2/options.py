@@ -13,13 +13,14 @@ from qocjax.nav2.read import NavParams, Plugin
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.stack import STACK_MPPI
 
-__all__ = ["stack_options", "stack_values", "to_options"]
+__all__ = ["NO_HEADING", "critics_of", "stack_options", "stack_values", "to_options"]
 
 _MPPI = (
     "batch_size", "time_steps", "model_dt", "iteration_count", "vx_min", "vx_std", "wz_std", "temperature", "gamma",
     "sgf_order", "clamp_raw_controls",
 )  # fmt: skip
 _ACCELERATIONS = {"ax_max": 1.0, "ax_min": -1.0, "az_max": 1.0}
+NO_HEADING = "GoalAngleCritic"  # for which simulated goals have none
 _OF_DESIGN = ("vx_max", "wz_max")  # which the advice sets
 _CRITICS = "controller.mppi.critics"
 # What the stack has otherwise than Nav2: a file that leaves it out means Nav2's default.
@@ -78,24 +79,24 @@ def stack_values(mppi: MppiConfig) -> dict[str, Value]:
 def _prune_distance(params: NavParams, mppi: Plugin) -> float:
     """Of MPPI up to Kilted, of the path handler from Lyrical on."""
     plugin, kind = (mppi, MPPI) if params.handler is None else (params.handler, HANDLER)
-    given = _numbers(plugin, ("prune_distance",))
-    return given.get("prune_distance") or _default("prune_distance", kind)
+    return _numbers(plugin, ("prune_distance",)).get("prune_distance", _default("prune_distance", kind))
+
+
+def critics_of(mppi: Plugin) -> list[str]:
+    """The critics that a file names, has switched on, and that are simulated, by name."""
+    named = mppi.values.get("critics")
+    known = CRITICS & set(named if isinstance(named, list) else [])
+    return sorted(each for each in known - {NO_HEADING} if mppi.values.get(f"{each}.enabled") is not False)
 
 
 def _critics(params: NavParams, mppi: Plugin) -> dict[str, float | None]:
-    """The critics of a file that names some, each with what the file says of it; of the stack's own the others go.
-
-    Not the one of the goal's heading: simulated goals have none.
-    """
-    named = mppi.values.get("critics")
-    if not isinstance(named, list) or not any(name in CRITICS for name in named):
-        return {}
-    found: dict[str, float | None] = {}
+    """The critics of a file that names some, each with what the file says of it; of the stack's own the others go."""
+    named, found = critics_of(mppi), dict[str, float | None]()
+    if not named:
+        return found
     own = {type(critic).__name__ for critic in STACK_MPPI.critics}
-    for critic in sorted(CRITICS - {"GoalAngleCritic"}):
-        if critic not in named or mppi.values.get(f"{critic}.enabled") is False:
-            found |= {f"{_CRITICS}.{critic}": None} if critic in own else {}
-            continue
+    found |= {f"{_CRITICS}.{critic}": None for critic in sorted(own - set(named))}
+    for critic in named:
         given = {name: value for name, value in mppi.values.items() if name.startswith(f"{critic}.")}
         if critic not in own:  # which has to be named by a value
             given.setdefault(f"{critic}.cost_power", _default(f"{critic}.cost_power", MPPI))

@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 from qocjax._reading import read_text
+from qocjax.nav2.checks import LIMITS, check_limits, qos_remarks
 from qocjax.nav2.document import Document, Found, Value
 from qocjax.nav2.facts import Fact, facts, plugins_of
 from qocjax.nav2.known import CRITICS, DWB, HANDLER, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL, goal_checker
@@ -87,18 +88,18 @@ class NavParams:
     @property
     def ax_max(self) -> float | None:
         """Of the smoother, how fast the speed grows (m/s2)."""
-        return _rate(self.limits("max_accel"), 0, 1)
+        return _of(self.limits("max_accel"), 0)
 
     @property
     def ax_min(self) -> float | None:
         """Of the smoother, how fast the speed shrinks, negative (m/s2)."""
-        return _rate(self.limits("max_decel"), 0, -1)
+        return _of(self.limits("max_decel"), 0)
 
     @property
     def az_max(self) -> float | None:
         """Of the smoother, how fast the turn rate changes either way (rad/s2)."""
-        grows, shrinks = (_rate(self.limits(name), -1, sign) for name, sign in (("max_accel", 1), ("max_decel", -1)))
-        return min((abs(each) for each in (grows, shrinks) if each is not None), default=None)
+        rates = (_of(self.limits(name), -1) for name in ("max_accel", "max_decel"))
+        return min((abs(rate) for rate in rates if rate is not None), default=None)
 
     @property
     def radius(self) -> float | None:
@@ -137,12 +138,11 @@ def params_of(document: Document) -> NavParams:
     reader.unknown += [f"controller_server of /{'/'.join(each)}: another robot's" for each in spaces[1:]]
     for section in document.sections:
         for found in document.of(section):
-            if found.name.startswith("qos_overrides."):
-                reader.remarks += _qos_remarks(document.name, found)
+            reader.remarks += [f"{document.name}:{found.line}: {each}" for each in qos_remarks(found)]
             if found.name == "cmd_vel_timeout":
                 known = facts("diff_drive_controller")[0]
                 values["/".join(section.path), "cmd_vel_timeout"] = reader.checked(found, known)
-    reader.check_smoother(values)
+    check_limits({name: reader.find("velocity_smoother", name) for name in LIMITS}, document)
     return NavParams(
         path=document.name, namespace=spaces[0], values=values, controllers=controllers, shims=shims,
         goal=reader.goal(values.get((_NODES[0], "goal_checker_plugins"), ["goal_checker"])),
@@ -207,32 +207,6 @@ class _Reader:
                 self.unknown.append(f"{name}: {kind or 'no plugin is given'}")
         return tuple(controllers), tuple(shims)
 
-    def check_smoother(self, values: Mapping[tuple[str, str], Value]) -> None:
-        """Refuses limits of the velocity smoother that Nav2 refuses, and those at which the robot cannot move."""
-        node, length = "velocity_smoother", 3
-        for name in ("max_velocity", "min_velocity", "max_accel", "max_decel"):
-            limits = values.get((node, name))
-            if not isinstance(limits, list):
-                continue
-            numbers, line = [float(each) for each in limits], self.line_of(node, name)
-            if name == "max_velocity":
-                length = len(numbers)
-            if len(numbers) not in (3, 6) or len(numbers) != length:
-                raise self.document.fail(line, f"{name}: got {len(numbers)} numbers, expected 3 (x, y, turn) or 6, as "
-                                         "many for all limits")  # fmt: skip
-            if name in ("max_accel", "max_decel"):
-                sign, words = (1.0, "above") if name == "max_accel" else (-1.0, "below")
-                if any(sign * each < 0 for each in numbers):
-                    raise self.document.fail(line, f"{name}: got {numbers}, expected none "
-                                             f"{'below' if sign > 0 else 'above'} 0")  # fmt: skip
-                if not (numbers[0] and numbers[-1]):
-                    raise self.document.fail(line, f"{name}: got {numbers}, expected x and turn {words} 0, or the "
-                                             "robot cannot change its speed")  # fmt: skip
-
-    def line_of(self, node: str, name: str) -> int:
-        found = self.find(node, name)
-        return found.line if found else 1
-
     def goal(self, names: Value) -> Plugin | None:
         for name in names[:1] if isinstance(names, list) else []:
             kind = self.kind(_NODES[0], str(name))
@@ -261,25 +235,13 @@ class _Reader:
 
 def _least(cap: float | None, limits: tuple[float, ...] | None, index: int) -> float | None:
     """The lower of two caps, one of which may be missing."""
-    known = [each for each in (cap, limits[index] if limits else None) if each is not None]
+    known = [each for each in (cap, _of(limits, index)) if each is not None]
     return min(known) if known else None
 
 
-def _qos_remarks(name: str, found: Found) -> list[str]:
-    """What an override of QoS does not do in Nav2 (from Lyrical on; before there are none)."""
-    policy = found.name.rpartition(".")[2]
-    if policy not in ("history", "depth", "reliability", "durability"):
-        return [f"{name}:{found.line}: {found.name}: Nav2 lets history, depth, reliability and durability be "
-                "overridden, so this does nothing"]  # fmt: skip
-    if policy == "reliability" and found.value == "best_effort" and ".publisher." in found.name:
-        return [f"{name}:{found.line}: {found.name} is best_effort; Nav2's readers are RELIABLE and take nothing from "
-                "such a writer"]  # fmt: skip
-    return []
-
-
-def _rate(limits: tuple[float, ...] | None, index: int, sign: int) -> float | None:
-    """One of a list of accelerations; None for one of the wrong sign, which Nav2 refuses, and for none."""
-    return limits[index] if limits and sign * limits[index] > 0 else None
+def _of(limits: tuple[float, ...] | None, index: int) -> float | None:
+    """One of a list that may be missing."""
+    return limits[index] if limits else None
 
 
 def _points(footprint: Value | None) -> list[tuple[float, float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,9 @@ from qocjax.network.empirical import Empirical
 from qocjax.network.interface import Load, Reliability, exactly
 from qocjax.scenario import num_ticks
 
-__all__ = ["Trace", "faster_than_measured", "key_of_copy", "replayed_trace"]
+__all__ = ["Trace", "faster_than_measured", "key_of_copy", "replayed_trace", "with_replayed"]
+
+_WITHIN = ("network", "path", "trace")  # what a network that is made of another calls it
 
 _STRETCHES = (16, 8, 4)  # each number's stretches are unions of those of the one before; fewer say nothing of a network
 _LENGTH = 8.0  # correlation lengths in a stretch
@@ -158,9 +160,17 @@ def key_of_copy(key: Array) -> Array:
 def replayed_trace(network: Any) -> Trace | None:
     """The trace that a network replays: as it is, made worse, or with a computation; None for any other network."""
     while network is not None and not isinstance(network, Trace):
-        within = (getattr(network, name, None) for name in ("network", "path", "trace"))
+        within = (getattr(network, name, None) for name in _WITHIN)
         network = next((each for each in within if each is not None), None)
     return network
+
+
+def with_replayed(network: Any, trace: Trace) -> Any:
+    """A network that replays a trace, with another one in its place."""
+    if isinstance(network, Trace):
+        return trace
+    name = next(name for name in _WITHIN if getattr(network, name, None) is not None)
+    return replace(network, **{name: with_replayed(getattr(network, name), trace)})
 
 
 def faster_than_measured(network: Any, tau: float) -> str | None:

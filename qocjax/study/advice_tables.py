@@ -84,7 +84,7 @@ def curves_of(
         table |= {f"collision_{name}": [e.mean for e in close], f"collision_{name}_low": [e.low for e in close],
                   f"collision_{name}_high": [e.high for e in close]}  # fmt: skip
         safety = "kept" if min(each.high for each in close) <= limit else "not shown"
-        excess = collision_excess(collided[which], limit, scores.units, usual)
+        excess = collision_excess(close, limit)
         if min(each.low for each in close) > limit:
             safety, excess = "broken", np.zeros(axis.size)
         margins.append(replace(deadline_margin(axis, merits[which], target, scores.units, excess), safety=safety))

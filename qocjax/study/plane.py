@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from qocjax.scenario import Design
 from qocjax.study.objective import Objective
 from qocjax.study.reaching import NONE_ABOVE, Bound, bound_of, last_reached, reach
 from qocjax.study.scores import Scores
-from qocjax.study.statistics import share
+from qocjax.study.statistics import Estimate, share
 from qocjax.study.target import Target, collision_excess
 
 __all__ = ["Plane", "delay_reliability_plane", "largest_delay", "smallest_reliability"]
@@ -37,10 +38,14 @@ class Plane:
         """Mean over seeds, [F, D]."""
         return self.scores.mean(axis=-1)
 
+    @cached_property
+    def close(self) -> list[Estimate]:
+        """The share of runs with a collision of each cell, the delay running fastest."""
+        return [share(hits) for hits in self.collided.reshape(-1, self.collided.shape[-1])]
+
     def excess(self, limit: float) -> np.ndarray:
         """By how much the share of runs with a collision passes a limit, by its upper end, [F, D]."""
-        size = self.collided.shape[-1]
-        return collision_excess(self.collided.reshape(-1, size), limit).reshape(self.collided.shape[:-1])
+        return collision_excess(self.close, limit).reshape(self.collided.shape[:-1])
 
     def to_table(self) -> pd.DataFrame:
         """One row per cell: delay (s), reliability, qoc, its standard error, collision share with its interval."""
@@ -48,9 +53,8 @@ class Plane:
         se = stats.sem(self.scores, axis=-1)
         cells = {"delay": delay, "reliability": reliability, "qoc": self.qoc, "qoc_se": se}
         table = pd.DataFrame({name: values.ravel() for name, values in cells.items()})
-        close = [share(hits) for hits in self.collided.reshape(-1, self.collided.shape[-1])]
         for end, name in (("mean", "share"), ("low", "low"), ("high", "high")):
-            table[f"collision_{name}"] = [getattr(each, end) for each in close]
+            table[f"collision_{name}"] = [getattr(each, end) for each in self.close]
         return table
 
 

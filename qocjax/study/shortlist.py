@@ -63,7 +63,7 @@ def shortlist(
     seeds = search[: effort.rounds[0]]
     unit = box.points(effort.points, rng)
     pool = stacked([_crossed(box, unit, axis), along_deadlines(box.baseline, axis)])
-    score, share = _measure(objective, pool, seeds)
+    score, share, hits = _measure(objective, pool, seeds)
     elite = _order(score, share, limit)[: 2 * effort.finalists]
     # The second round: the smallest box that holds the best, widened, as it holds few of them.
     inside = unit[elite[elite < len(unit) * axis.size] // axis.size]
@@ -72,17 +72,18 @@ def shortlist(
         nearby = np.unique(np.asarray(pool.deadline)[elite])
         again = _crossed(box, low + (high - low) * box.points(effort.points, rng), nearby)
         pool = stacked([take(pool, elite), again])
-        score, share = _measure(objective, pool, seeds)
+        score, share, hits = _measure(objective, pool, seeds)
     for k, count in enumerate(effort.rounds[1:], start=1):
         left = max(effort.finalists, score.size // 8 if k < len(effort.rounds) - 1 else effort.finalists)
         pool = take(pool, _order(score, share, limit)[:left])
-        score, share = _measure(objective, pool, search[:count])
+        score, share, hits = _measure(objective, pool, search[:count])
     cautious = np.where(share > 0, share + np.sqrt(share * (1 - share) / effort.rounds[-1]), share)
     share = cautious if cautious.min() <= limit else share  # a design at the limit is within it by luck
     order = _order(score, share, limit)[: effort.finalists]
     within = share <= limit
     if not within.any():  # few seeds do not tell: those remain that are not shown to break it
-        within = _lowest(objective, pool, search[: effort.rounds[-1]]) <= limit
+        units = objective.units(search[: effort.rounds[-1]], pool.tau)
+        within = np.array([share_of(each, units).low for each in hits]) <= limit
     if not within.any():
         least = row(pool, int(order[0]))
         values = ", ".join(f"{name}={float(getattr(least, name)):.3g}" for name in (*box.bounds, "deadline"))
@@ -93,16 +94,11 @@ def shortlist(
     return take(pool, order[within[order]])
 
 
-def _lowest(objective: Objective, designs: Design, seeds: Sequence[int]) -> np.ndarray:
-    """The lower end of the share of collisions of each design."""
-    runs, units = objective.runs(designs, seeds), objective.units(seeds, designs.tau)
-    return np.array([share_of(hits, units).low for hits in runs["collided"].values])
-
-
-def _measure(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean QoC and share of collisions of each design."""
+def _measure(objective: Objective, designs: Design, seeds: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean QoC and share of collisions of each design, and which of its runs [G, S] collide."""
     runs = objective.runs(designs, seeds)
-    return qoc_by_seed(runs, objective.scale).mean(axis=1), runs["collided"].values.mean(axis=1)
+    hits = runs["collided"].values
+    return qoc_by_seed(runs, objective.scale).mean(axis=1), hits.mean(axis=1), hits
 
 
 def _order(score: np.ndarray, share: np.ndarray, limit: float) -> np.ndarray:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from scipy import special  # not scipy.stats, which takes a third of a second to import
 
 __all__ = [
-    "Estimate", "bootstrap_weights", "estimate", "paired", "relative", "resampled", "share", "standard_error",
-    "student", "unpaired",
+    "Estimate", "bootstrap_weights", "clopper_pearson", "estimate", "paired", "relative", "resampled", "share",
+    "standard_error", "student", "unpaired",
 ]  # fmt: skip
 
 
@@ -137,10 +137,15 @@ def share(
         asked = [*([found] if se > 0.0 or like is None else []), *([np.asarray(like, np.float64)] if few else [])]
         of = min(_effective(values, units, known) for values in asked)
         of = max(of * (student(found.size) / student(known)) ** 2, 1.0)
-    tail, count = (1.0 - confidence) / 2.0, mean * of
-    low = float(special.betaincinv(count, of - count + 1.0, tail)) if count > 0.0 else 0.0
-    high = float(special.betaincinv(count + 1.0, of - count, 1.0 - tail)) if count < of else 1.0
-    return Estimate(mean, se, low, high)
+    low, high = clopper_pearson(mean * of, of, confidence)
+    return Estimate(mean, se, float(low), float(high))
+
+
+def clopper_pearson(count: ArrayLike, of: ArrayLike, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper end of a share, of counts that need not be whole, elementwise."""
+    hits, rest, tail = np.asarray(count, float), np.asarray(of, float) - count, (1.0 - confidence) / 2.0
+    low = np.where(hits > 0.0, special.betaincinv(np.where(hits > 0.0, hits, 1.0), rest + 1.0, tail), 0.0)
+    return low, np.where(rest > 0.0, special.betaincinv(hits + 1.0, np.where(rest > 0.0, rest, 1.0), 1.0 - tail), 1.0)
 
 
 def resampled(size: int, units: np.ndarray | None, count: int, random: int = 0) -> np.ndarray:

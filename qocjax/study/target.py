@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ import xarray as xr
 from qocjax import _checks
 from qocjax.scenario import Scenario
 from qocjax.study.scores import Scores
-from qocjax.study.statistics import Estimate, share
+from qocjax.study.statistics import Estimate
 
 __all__ = ["KINDS", "Target", "collision_excess"]
 
@@ -102,19 +103,10 @@ class Target:
         return f"{merit.mean:.1%} [{low:.1%}, {high:.1%}] of the runs"
 
 
-def collision_excess(
-    collided: np.ndarray, limit: float, units: np.ndarray | None = None, usual: np.ndarray | None = None
-) -> np.ndarray:
-    """By how much the upper end of the share of runs with a collision passes its limit, [G]; 0 or less if it keeps it.
+def collision_excess(shares: Sequence[Estimate], limit: float) -> np.ndarray:
+    """By how much the upper end of each share of runs with a collision passes its limit, [G]; 0 or less if it keeps it.
 
     Where none is shown to keep it, the lower end: those count that are not shown to break it.
-
-    Args:
-        collided: [G, S] Which runs collided.
-        limit: Largest share.
-        units: [S] Labels of the seeds, see `units_of`.
-        usual: [S] What else the seeds gave, see `share`.
     """
-    found = [share(hits, units, like=usual) for hits in collided]
-    kept = min(each.high for each in found) <= limit
-    return np.array([each.high if kept else each.low for each in found]) - limit
+    kept = min(each.high for each in shares) <= limit
+    return np.array([each.high if kept else each.low for each in shares]) - limit

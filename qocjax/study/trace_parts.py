@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from qocjax.network import Reliability, Trace
-from qocjax.network.interface import exactly
+from qocjax.network import Reliability
+from qocjax.network.trace import replayed_trace, with_replayed
 from qocjax.scenario import Design
 from qocjax.study.objective import Objective
+from qocjax.study.reliability import reliability_of
 from qocjax.study.scores import Scored, Scores, unpaired_scores
 from qocjax.study.units import judged_apart, rows_of_stretch, seeds_in
 
@@ -50,16 +51,17 @@ def worst_part(objective: Objective, scores: Scores, designs: Design) -> WorstPa
     Returns:
         None where the network is no trace, or one too short to be judged on other stretches than those that chose.
     """
-    trace, horizon, units = objective.network, objective.scenario.horizon, scores.units
-    if units is None or not isinstance(trace, Trace) or not judged_apart(trace, horizon, designs.tau):
+    network, horizon, units = objective.network, objective.scenario.horizon, scores.units
+    trace = replayed_trace(network)
+    if units is None or trace is None or not judged_apart(network, horizon, designs.tau):
         return None
     known = np.unique(units)
     worst = int(known[np.argmin([scores.values[0, units == unit].mean() for unit in known])])
     count = scores.values.shape[-1]
-    runs = objective.runs(designs, seeds_in(trace, objective.key, worst, count, horizon, designs.tau))
+    runs = objective.runs(designs, seeds_in(network, objective.key, worst, count, horizon, designs.tau))
     alone = Scores.of(runs["auc"].values, objective.scale)
     change = unpaired_scores(alone[0], replace(scores[0], units=None))
     first, end = rows_of_stretch(trace, worst, horizon, designs.tau)
-    part = replace(trace, delays=np.asarray(trace.delays)[first:end])
-    share = part.reliability(float(np.asarray(designs.deadline)[0])).share
-    return WorstPart(runs, alone, change, exactly(share))
+    part = with_replayed(network, replace(trace, delays=np.asarray(trace.delays)[first:end]))
+    deadline, tau = (float(np.asarray(values)[0]) for values in (designs.deadline, designs.tau))
+    return WorstPart(runs, alone, change, reliability_of(part, objective.scenario, deadline, tau))
