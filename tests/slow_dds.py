@@ -54,7 +54,7 @@ class Pair:
         heapq.heappush(self.queue, (time, kind, self.order, what))
 
     def run(self) -> Outcome:
-        if not self.p.piggyback and math.isfinite(self.start):
+        if self.p.piggyback != "always" and math.isfinite(self.start):
             self.push(self.start + self.p.heartbeat_period, HEARTBEAT_TIMER, -1)
         steps = {WRITE: self.on_write, HEARTBEAT_TIMER: self.on_heartbeat_timer, AT_WRITER: self.on_acknack,
                  SAMPLE: self.on_packet, HEARTBEAT: self.on_heartbeat, ACKNACK_TIMER: self.on_timer}  # fmt: skip
@@ -78,13 +78,17 @@ class Pair:
         self.history[k], self.written = now, k + 1
         self.prune(now)
         delay = self.fate("data", k, now)
+        told = self.announce() if self.carries() else None
         if delay is not None:
-            self.push(now + delay, SAMPLE, [k], [], self.announce() if self.p.piggyback else None)
-        if self.p.piggyback:
+            self.push(now + delay, SAMPLE, [k], [], told)
+        if self.p.piggyback == "always":
             self.push(now + self.p.heartbeat_period, HEARTBEAT_TIMER, k)
 
+    def carries(self) -> bool:
+        return self.p.piggyback == "always"
+
     def on_heartbeat_timer(self, now: float, since: int) -> None:
-        if self.p.piggyback and since != self.written - 1:
+        if self.p.piggyback == "always" and since != self.written - 1:
             return  # a later sample carried one
         if self.alone == self.most:
             return  # so that a run ends
@@ -166,6 +170,65 @@ class Pair:
         delay = self.fate("acknack", number, now)
         if delay is not None:
             self.push(now + delay + self.p.repair_delay, AT_WRITER, missing, number)
+
+
+class ConfirmingPair(Pair):
+    """Every heartbeat is answered; a sample carries one while the history is full of what is not acknowledged."""
+
+    acknowledged, carried, begin, payload = 0, 0, 0, 400
+
+    def prune(self, now: float) -> None:
+        super().prune(now)
+        self.history = {k: time for k, time in self.history.items() if k >= self.acknowledged}
+
+    def carries(self) -> bool:
+        full = len(self.history) == self.p.depth
+        self.carried += full
+        return full
+
+    def announce(self) -> tuple[int, int]:
+        first, last = super().announce()
+        return min(first, self.written), last
+
+    def on_heartbeat(self, now: float, first: int, last: int, alone: bool) -> None:
+        if last >= self.last:
+            self.first, self.last = max(self.first, first), last
+        self.hand_over(now)
+        self.begin = min(self.missing(), default=self.last + 1)
+        if self.timer == math.inf:
+            self.timer = now + self.p.acknack_delay
+            self.push(self.timer, ACKNACK_TIMER)
+
+    def on_packet(self, now: float, samples: list[int], void: list[int], told: tuple[int, int] | None) -> None:
+        super().on_packet(now, samples, void, told)
+        self.hand_over(now)
+
+    def on_timer(self, now: float) -> None:
+        self.timer = math.inf
+        missing = [k for k in self.missing() if k < self.begin + 256]  # what one ACKNACK can tell of
+        number, self.count = self.count, self.count + 1
+        (self.out.asked if missing else self.out.confirmed).append(now)
+        if (delay := self.fate("acknack", number, now)) is not None:
+            base = missing[0] if missing else self.last + 1
+            self.push(now + delay, AT_WRITER, missing, number, base)
+
+    def on_acknack(self, now: float, wanted: list[int], number: int, base: int | None = None) -> None:
+        if base is not None:
+            self.acknowledged = max(self.acknowledged, base)
+            if wanted:
+                self.push(now + self.p.repair_delay, AT_WRITER, wanted, number)
+            return
+        self.prune(now)
+        have = [k for k in wanted if k in self.history]
+        parts: dict[int, list[int]] = {}
+        for rank, k in enumerate(have):
+            parts.setdefault(min(rank // self.per_packet, self.max_packets - 1), []).append(k)
+        self.out.repaired += len(have)
+        self.out.packets += len(parts)
+        for packet, repairs in parts.items():
+            pieces = math.ceil((64 + (36 + self.payload) * len(repairs) - 20) / 1480)
+            if (delay := self.fate("packet", number, now, packet, pieces)) is not None:
+                self.push(now + delay, SAMPLE, repairs, [], None)
 
 
 def best_effort(write: list[float], fate: Fate) -> dict[int, float]:

@@ -60,10 +60,11 @@ class ProfileConfig(Part):
     lifespan_from: str
     deadline: float
     heartbeat_period: float
-    piggyback: bool
+    piggyback: str
     acknack_delay: float
     nack_period: float
     repair_delay: float
+    repair_packet: int
 
     def build(self) -> Profile:
         """The profile."""

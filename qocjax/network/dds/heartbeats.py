@@ -43,7 +43,7 @@ def gone_times(write: Array, profile: Profile) -> Array:
 
 
 def arriving(write: Array, arrival: Array, gone: Array, link: Channel, fates: Fates, profile: Profile) -> Heartbeats:
-    """Works out all heartbeats of a writer; nothing the reader does changes them.
+    """Works out all heartbeats of a writer; with `piggyback=full` those that may come, as the reader has a say then.
 
     Args:
         write: [P] s, nondecreasing, inf for samples never written.
@@ -57,7 +57,7 @@ def arriving(write: Array, arrival: Array, gone: Array, link: Channel, fates: Fa
     heard = jnp.where(lost_at(link, sent, fates.level), jnp.inf, sent + fates.delay)
     when, apart = heard, jnp.isfinite(sent)
     last = alone
-    if profile.piggyback:
+    if profile.piggyback != "never":
         own = jnp.arange(write.shape[0], dtype=jnp.int32)
         sent, last = jnp.concatenate([write, sent]), jnp.concatenate([own, alone])
         when = jnp.concatenate([arrival, heard])
@@ -78,7 +78,7 @@ def arriving(write: Array, arrival: Array, gone: Array, link: Channel, fates: Fa
 def _by_themselves(write: Array, count: int, profile: Profile) -> tuple[Array, Array]:
     """Times (s) and last samples of heartbeats sent by themselves, [M]."""
     number = jnp.arange(count, dtype=jnp.int32)
-    if not profile.piggyback:
+    if profile.piggyback != "always":
         sent = write[0] + (number + 1) * profile.heartbeat_period
         return sent, jnp.searchsorted(write, sent, side="right").astype(jnp.int32) - 1
     pause = jnp.append(write[1:], jnp.inf) - write
@@ -92,8 +92,14 @@ def _by_themselves(write: Array, count: int, profile: Profile) -> tuple[Array, A
     return jnp.where(sample < write.shape[0], sent, jnp.inf), known
 
 
-def released(heard: Heartbeats, num_samples: int) -> Array:
-    """When a heartbeat first tells the reader that a sample is no longer to be had, [P] s, inf for never."""
-    told = jnp.full((num_samples + 1,), jnp.inf, heard.arrival.dtype)
-    told = told.at[heard.first].min(heard.arrival, mode="drop")  # -1 wraps to the last, at inf
+def released(arrival: Array, first: Array, num_samples: int) -> Array:
+    """When a heartbeat first tells the reader that a sample is no longer to be had, [P] s, inf for never.
+
+    Args:
+        arrival: [J] s, of the heartbeats, inf for none.
+        first: [J] first sample still in the history.
+        num_samples: P.
+    """
+    told = jnp.full((num_samples + 1,), jnp.inf, arrival.dtype)
+    told = told.at[first].min(arrival, mode="drop")  # -1 wraps to the last, at inf
     return lax.cummin(told, reverse=True)[1:]

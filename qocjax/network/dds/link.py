@@ -53,11 +53,12 @@ def channel(leg: Leg, key: Array, num_ticks: int, num_robots: int, tau: float) -
     return Channel(chance, jnp.full((num_robots,), tau, chance.dtype))
 
 
-def lost_at(link: Channel, time: Array, level: Array) -> Array:
-    """Whether messages sent at `time` (s) are lost; after the last tick the channel stays as it is."""
+def lost_at(link: Channel, time: Array, level: Array, pieces: Array | None = None) -> Array:
+    """Whether messages sent at `time` (s) are lost, with any of their pieces; the channel ends as in the last tick."""
     last = link.chance.shape[0] - 1
     tick = jnp.floor(jnp.where(jnp.isfinite(time), time, 0.0) / link.tau + _ROUNDING)
-    return level < link.chance[jnp.clip(tick.astype(jnp.int32), 0, last)]
+    chance = link.chance[jnp.clip(tick.astype(jnp.int32), 0, last)]
+    return level < (chance if pieces is None else jnp.where(pieces == 1, chance, 1.0 - (1.0 - chance) ** pieces))
 
 
 def message_fates(

@@ -6,10 +6,13 @@ off at most once, and since all that follows from an ACKNACK (when it reaches th
 when the repairs or the notice of a gap come back) is known as soon as it is sent. In each step first the timer, if it
 is due before the heartbeat, then the heartbeat.
 
-- The reader asks at once (after `acknack_delay`) if nothing that is missing was asked for before, else `nack_period`
-  after its last ACKNACK: the rule of Eclipse Cyclone DDS. It asks for all that is missing then.
-- All repairs that answer one ACKNACK share packets as far as they fit. A sample that the writer no longer has is
-  answered by a GAP in the first of these packets.
+- `piggyback=always`, Eclipse Cyclone DDS: the reader asks at once (after `acknack_delay`) if nothing that is missing
+  was asked for before, else `nack_period` after its last ACKNACK. It asks for all that is missing then. A sample that
+  the writer no longer has is answered by a GAP in the first packet of repairs.
+- `piggyback=full`, eProsima Fast DDS: the reader answers every heartbeat, after `acknack_delay`, by what it misses or
+  by an acknowledgement, and a sample carries a heartbeat while the writer's history is full of samples that no ACKNACK
+  has acknowledged. So the scan goes over what is written, too. The next heartbeat tells what the writer no longer has.
+- All repairs that answer one ACKNACK share packets as far as they fit.
 
 Approximated: what does not fit into seven packets of repairs goes into the eighth, and after 256 ACKNACKs of a writer
 the random numbers of ACKNACKs and repairs come round again. Repairs and ACKNACKs may overtake samples, also where
@@ -27,52 +30,50 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from qocjax.network.dds.heartbeats import Heartbeats
-from qocjax.network.dds.link import PACKETS, Channel, Fates, lost_at
+from qocjax.network.dds.link import Channel, Fates
 from qocjax.network.dds.profile import Profile
+from qocjax.network.dds.reader import Asked, Reader, World, ask, hear
 
 __all__ = ["Repairs", "repair"]
+
+_IN_FLIGHT = 32  # ACKNACKs whose arrival the writer still awaits
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Repairs:
-    """What the reader asked for and the writer sent again; one row per heartbeat, most of them empty."""
+    """What the reader asked for and the writer sent again; one row per event, most of them empty."""
 
     asked: Array  # [J] s, when an ACKNACK that asks for samples is sent, inf for none
     answered: Array  # [J] s, when the writer answers it, inf for never
     samples: Array  # [J] samples that it sends again
     packets: Array  # [J] packets that they take
     confirmed: Array  # [J] s, when an ACKNACK that asks for nothing is sent, inf for none
+    heard: Array  # [J] s, when a heartbeat comes, inf for none
+    first: Array  # [J] the first sample that it says the writer still has
+    carrying: Array  # [J] s, when a sample that carries a heartbeat is written, inf for none
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class _Reader:
-    """What the scan carries."""
+class _Writer:
+    """What the writer has been told, and which samples carried a heartbeat."""
 
-    received: Array  # [P + W] s, first arrival of each sample as far as it is settled, inf for none
-    released: Array  # [P + W] s, when the reader learns that a sample is not to be had
-    start: Array  # first sample of the window: what is before it is settled
-    last: Array  # newest sample that a heartbeat has told of
-    timer: Array  # s, when the next ACKNACK is due, inf for none
-    asked: Array  # s, when the last one was sent
-    asked_end: Array  # one past the last sample that it asked for
-    count: Array  # of ACKNACKs that ask for samples
+    arrives: Array  # [F] s, of the newest ACKNACKs
+    base: Array  # [F] what they acknowledge: all before
+    low: Array  # what all before them have acknowledged
+    carries: Array  # [P] whether a sample carries a heartbeat
 
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class _World:
-    """What is the same in all steps."""
-
-    gone: Array  # [P + W] s
-    forward: Channel
-    backward: Channel
-    acknacks: Fates  # [K]
-    packets: Fates  # [K, C]
+    @classmethod
+    def new(cls, write: Array) -> _Writer:
+        """Before the first sample."""
+        zero = jnp.zeros((), jnp.int32)
+        never = jnp.full((_IN_FLIGHT,), jnp.inf, write.dtype)
+        return cls(never, jnp.zeros((_IN_FLIGHT,), jnp.int32), zero, jnp.zeros(write.shape, bool))
 
 
 def repair(
+    write: Array,
     arrival: Array,
     gone: Array,
     released: Array,
@@ -85,9 +86,10 @@ def repair(
     """Runs the protocol between one writer and one reader.
 
     Args:
-        arrival: [P] s, when each sample first arrives, inf where lost.
+        write: [P] s, when each sample is written.
+        arrival: [P] s, when each first arrives, inf where lost.
         gone: [P] s, when each leaves the writer's history.
-        released: [P] s, when a heartbeat tells the reader so.
+        released: [P] s, when a heartbeat tells the reader so, as far as that is known beforehand.
         heard: The heartbeats as they arrive.
         links: From writer to reader, and back.
         fates: Of the ACKNACKs [K] and of the packets of repairs [K, C].
@@ -100,88 +102,69 @@ def repair(
     """
     padding = jnp.full((profile.window,), jnp.inf, arrival.dtype)
     wide = [jnp.concatenate([times, padding]) for times in (arrival, released, gone)]
-    zero, never = jnp.zeros((), jnp.int32), jnp.full((), jnp.inf, arrival.dtype)
-    begin = _Reader(wide[0], wide[1], zero, zero - 1, never, -never, zero, zero)
-    world = _World(wide[2], *links, *fates)
-    rows = (heard.arrival, heard.first, heard.last, heard.alone)
-    end, repairs = lax.scan(partial(_step, world, profile, profile.repairs_per_packet(payload)), begin, rows)
+    world = World(wide[2], *links, *fates)
+    begin, rows = Reader.new(wide[0], wide[1]), (heard.arrival, heard.first, heard.last, heard.alone)
+    if profile.confirms:
+        step = partial(_with_acknowledgements, world, profile, payload)
+        (end, _), repairs = lax.scan(step, (begin, _Writer.new(write)), _merged(write, rows))
+    else:
+        end, repairs = lax.scan(partial(_step, world, profile, payload), begin, rows)
     return end.received[: arrival.shape[0]], end.released[: arrival.shape[0]], repairs
 
 
 def _step(
-    world: _World, profile: Profile, per_packet: int, reader: _Reader, row: tuple[Array, Array, Array, Array]
-) -> tuple[_Reader, Repairs]:
+    world: World, profile: Profile, payload: int, reader: Reader, row: tuple[Array, Array, Array, Array]
+) -> tuple[Reader, Repairs]:
     arrival, first, last, alone = row
-    due = reader.timer < arrival
-    reader, repairs = _ask(world, profile, per_packet, reader, due)
-    reader, at_once = _hear(profile, reader, arrival, first, last)
-    confirmed = jnp.where(alone & ~at_once, arrival, jnp.inf)
-    return reader, Repairs(*repairs, confirmed)
+    reader, asked = ask(world, profile, payload, reader, reader.timer < arrival)
+    reader, at_once = hear(profile, reader, arrival, first, last)
+    confirmed, never = jnp.where(alone & ~at_once, arrival, jnp.inf), jnp.full_like(arrival, jnp.inf)
+    return reader, Repairs(asked.sent, asked.answered, asked.samples, asked.packets, confirmed, arrival, first, never)
 
 
-def _window(reader: _Reader, size: int) -> tuple[Array, Array, Array]:
-    """Numbers [W] of the samples in the window, and when they are received and released."""
-    number = reader.start + jnp.arange(size, dtype=jnp.int32)
-    parts = [lax.dynamic_slice_in_dim(times, reader.start, size) for times in (reader.received, reader.released)]
-    return number, parts[0], parts[1]
+def _merged(write: Array, rows: tuple[Array, ...]) -> tuple[Array, ...]:
+    """What is written (without `first`) and what may carry a heartbeat when it comes, in the order of time."""
+    own = jnp.arange(write.shape[0], dtype=jnp.int32)
+    written = (write, jnp.full_like(own, -1), own, jnp.zeros_like(own, bool))
+    both = [jnp.concatenate(each) for each in zip(written, rows, strict=True)]
+    kind = jnp.concatenate([jnp.ones_like(own, bool), jnp.zeros(rows[0].shape, bool)])
+    order = jnp.argsort(both[0])
+    return tuple(each[order] for each in (*both, kind))
 
 
-def _ask(
-    world: _World, profile: Profile, per_packet: int, reader: _Reader, due: Array
-) -> tuple[_Reader, tuple[Array, Array, Array, Array]]:
-    """Sends the ACKNACK if it is due, and settles when what it brings arrives."""
-    number, received, released = _window(reader, profile.window)
-    now, row = reader.timer, reader.count % world.acknacks.delay.shape[0]
-    missing = due & (number <= reader.last) & (received > now) & (released > now)
-    asks = jnp.any(missing)
-    asked = jnp.where(asks, now, jnp.inf)
-    answered = asked + world.acknacks.delay[row] + profile.repair_delay
-    answered = jnp.where(lost_at(world.backward, asked, world.acknacks.level[row]), jnp.inf, answered)
-    back = jnp.where(
-        lost_at(world.forward, answered, world.packets.level[row]), jnp.inf, answered + world.packets.delay[row]
+def _with_acknowledgements(
+    world: World, profile: Profile, payload: int, state: tuple[Reader, _Writer], row: tuple[Array, ...]
+) -> tuple[tuple[Reader, _Writer], Repairs]:
+    """A step where the writer's heartbeats hang on what has been acknowledged."""
+    reader, writer = state
+    now, first, last, alone, written = row
+    count = reader.count
+    reader, asked = ask(world, profile, payload, reader, reader.timer < now)
+    writer = _told(writer, asked, count, reader.count > count, now)
+    carries = written & jnp.isfinite(now) & _full(world, profile, writer, now, last)
+    known = jnp.where(written, carries, writer.carries[last])
+    writer = _Writer(writer.arrives, writer.base, writer.low, writer.carries.at[last].set(known))
+    heard = jnp.where(~written & (alone | known), now, jnp.inf)
+    reader, _ = hear(profile, reader, heard, first, last)
+    carrying = jnp.where(carries, now, jnp.inf)
+    return (reader, writer), Repairs(
+        asked.sent, asked.answered, asked.samples, asked.packets, asked.confirms, heard, first, carrying
     )
-    again = missing & (lax.dynamic_slice_in_dim(world.gone, reader.start, profile.window) > answered)
-    packet = jnp.clip((jnp.cumsum(again) - 1) // per_packet, 0, PACKETS - 1)
-    received = jnp.minimum(received, jnp.where(again, back[packet], jnp.inf))
-    released = jnp.minimum(released, jnp.where(missing & ~again, back[0], jnp.inf))
-    samples = jnp.sum(again & jnp.isfinite(answered), dtype=jnp.int32)
-    put = lax.dynamic_update_slice_in_dim
-    reader = _Reader(
-        put(reader.received, received, reader.start, 0),
-        put(reader.released, released, reader.start, 0),
-        reader.start,
-        reader.last,
-        jnp.where(due, jnp.inf, reader.timer),
-        jnp.where(asks, now, reader.asked),
-        jnp.where(asks, jnp.max(jnp.where(missing, number + 1, 0)), reader.asked_end),
-        reader.count + asks,
-    )
-    needed = (samples + per_packet - 1) // per_packet
-    used = jnp.where(jnp.isfinite(answered), jnp.clip(needed, 1, PACKETS), 0)  # a GAP needs one too
-    return reader, (asked, answered, samples, used)
 
 
-def _hear(profile: Profile, reader: _Reader, now: Array, first: Array, last: Array) -> tuple[_Reader, Array]:
-    """Takes in a heartbeat, and sets the timer if it shows a gap; tells whether that is to be asked for at once."""
-    newer = jnp.isfinite(now) & (last >= reader.last)
-    start = jnp.where(newer, jnp.maximum(reader.start, first), reader.start)
-    reader = _moved(reader, start, jnp.where(newer, last, reader.last))
-    number, received, released = _window(reader, profile.window)
-    settled = (received <= now) | (released <= now)
-    missing = newer & (number <= reader.last) & ~settled
-    base = jnp.min(jnp.where(missing, number, jnp.iinfo(jnp.int32).max))
-    gap = jnp.any(missing)
-    again = reader.asked + profile.nack_period
-    at_once = (base >= reader.asked_end) | (now >= again)
-    due = jnp.where(at_once, now + profile.acknack_delay, again)
-    timer = jnp.where(gap, jnp.minimum(reader.timer, due), reader.timer)
-    known = jnp.cumprod((settled & (number <= reader.last)).astype(jnp.int32), dtype=jnp.int32)
-    start = reader.start + jnp.where(newer, jnp.sum(known, dtype=jnp.int32), 0)
-    return _moved(reader, start, reader.last, timer), gap & at_once
+def _told(writer: _Writer, asked: Asked, count: Array, sent: Array, now: Array) -> _Writer:
+    """Takes down an ACKNACK that is sent, in the place of the oldest."""
+    low = jnp.maximum(writer.low, jnp.max(jnp.where(writer.arrives <= now, writer.base, 0)))
+    place = count % _IN_FLIGHT
+    arrives = writer.arrives.at[place].set(jnp.where(sent, asked.arrives, writer.arrives[place]))
+    base = writer.base.at[place].set(jnp.where(sent, asked.base, writer.base[place]))
+    return _Writer(arrives, base, low, writer.carries)
 
 
-def _moved(reader: _Reader, start: Array, last: Array, timer: Array | None = None) -> _Reader:
-    return _Reader(
-        reader.received, reader.released, start, last, reader.timer if timer is None else timer,
-        reader.asked, reader.asked_end, reader.count,
-    )  # fmt: skip
+def _full(world: World, profile: Profile, writer: _Writer, now: Array, number: Array) -> Array:
+    """Whether the history holds as many unacknowledged samples as it takes, sample `number` being the newest."""
+    if profile.depth is None:
+        return jnp.zeros((), bool)
+    oldest = number - profile.depth + 1
+    low = jnp.maximum(writer.low, jnp.max(jnp.where(writer.arrives <= now, writer.base, 0)))
+    return (oldest >= low) & (world.gone[jnp.maximum(oldest, 0)] > now)

@@ -12,7 +12,7 @@ from qocjax import _checks
 from qocjax.network.dds.delivery import best_effort, in_sequence, queued
 from qocjax.network.dds.heartbeats import alone_count, arriving, gone_times, released
 from qocjax.network.dds.link import Channel, Fates, channel, lost_at, message_fates
-from qocjax.network.dds.profile import ACKNACK_BYTES, HEARTBEAT_BYTES, Profile
+from qocjax.network.dds.profile import ACKNACK_BYTES, CARRIED_BYTES, HEARTBEAT_BYTES, Profile
 from qocjax.network.dds.reliable import Repairs, repair
 from qocjax.network.loop_network import Leg
 
@@ -53,12 +53,10 @@ class TopicDraws:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Traffic:
-    """When messages of one topic are sent (s, inf for none) and what they weigh.
-
-    Heartbeats that ride on samples are part of their bytes.
-    """
+    """When messages of one topic are sent (s, inf for none) and what they weigh."""
 
     data: Array  # [P] s
+    carrying: Array  # [P or J] s, samples that carry a heartbeat
     heartbeats: Array  # [M] s
     repairs: Array  # [J] s, when the writer answers an ACKNACK
     repair_samples: Array  # [J]
@@ -121,10 +119,11 @@ def carry(write: Array, draws: TopicDraws, back: Channel, topic: Topic) -> tuple
         received, gave_up, heard, repairs = _repaired(write, arrival, draws, back, topic)
         handed = in_sequence(write, received, gave_up, topic.profile)
         acknacks = jnp.concatenate([repairs.asked, repairs.confirmed])
-        traffic = Traffic(write, heard, repairs.answered, repairs.samples, repairs.packets, acknacks)
+        carrying = write if topic.profile.piggyback == "always" else repairs.carrying
+        traffic = Traffic(write, carrying, heard, repairs.answered, repairs.samples, repairs.packets, acknacks)
     else:
         handed = best_effort(write, arrival, topic.profile)
-        traffic = Traffic(write, empty, empty, empty, empty, empty)
+        traffic = Traffic(write, empty, empty, empty, empty, empty, empty)
     written = jnp.where(jnp.isfinite(write), write, 0.0)
     # The delay itself where nothing held the sample up: a difference of times would lose its last digits.
     return jnp.where(handed == written + draws.data.delay, draws.data.delay, handed - written), traffic
@@ -135,10 +134,14 @@ def _repaired(
 ) -> tuple[Array, Array, Array, Repairs]:
     gone = gone_times(write, topic.profile)
     heard = arriving(write, arrival, gone, draws.link, draws.heartbeats, topic.profile)
+    count, confirms = write.shape[0], topic.profile.confirms
+    told = jnp.full_like(write, jnp.inf) if confirms else released(heard.arrival, heard.first, count)
     received, gave_up, repairs = repair(
-        arrival, gone, released(heard, write.shape[0]), heard, (draws.link, back), (draws.acknacks, draws.packets),
-        topic.profile, topic.payload,
+        write, arrival, gone, told, heard, (draws.link, back), (draws.acknacks, draws.packets), topic.profile,
+        topic.payload,
     )  # fmt: skip
+    if confirms:  # which heartbeats there were is known only now
+        gave_up = jnp.minimum(gave_up, released(repairs.heard, repairs.first, count))
     return received, gave_up, heard.sent_alone, repairs
 
 
@@ -151,9 +154,10 @@ def per_second(topic: Topic, traffic: Traffic, seconds: int) -> dict[str, Array]
         return jnp.zeros((seconds,), jnp.int32).at[second].add(weight, mode="drop")
 
     data, heartbeats, acknacks = count(traffic.data), count(traffic.heartbeats), count(traffic.acknacks)
+    carried = count(traffic.carrying) * CARRIED_BYTES
     repairs, packets = (count(traffic.repairs, w.astype(jnp.int32))
                         for w in (traffic.repair_samples, traffic.repair_packets))  # fmt: skip
-    forward = data * topic.profile.data_bytes(topic.payload) + heartbeats * HEARTBEAT_BYTES
+    forward = data * topic.profile.data_bytes(topic.payload) + carried + heartbeats * HEARTBEAT_BYTES
     return {
         "data": data, "heartbeats": heartbeats, "repairs": repairs, "repair_packets": packets, "acknacks": acknacks,
         "forward_bytes": forward + repairs * sample + packets * packet, "backward_bytes": acknacks * ACKNACK_BYTES,
