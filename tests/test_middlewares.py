@@ -90,15 +90,34 @@ def test_a_stream_is_put_together() -> None:
         assert past_the_radio(frames, [got((0, time - 1, what)), got()]) != []
 
 
+def test_fragments_are_put_together() -> None:
+    """A datagram in pieces of 16 bytes, the second of which comes last; another one has its offsets."""
+    parts = [(10, 1, 0x2000, b"abcd"), (15, 2, 0x2000, b"AAAA"), (20, 1, 4, b"ijkl"), (30, 1, 0x2002, b"efgh")]
+    frames = []
+    for time, name, place, what in parts:
+        content = what.rjust(16, b".") if place == 0x2000 else what.ljust(16, b".")
+        header = b"\x45\0" + struct.pack(">HHH", 36, name, place) + b"\0\x11" + bytes(10)
+        frames.append(Crossed(time, 0, ROBOT, bytes(14) + header + content))
+    assert past_the_radio(frames, [got((0, 30, b"cdef")), got()]) == []
+    assert past_the_radio(frames, [got((0, 29, b"cdef")), got()]) != []
+    assert past_the_radio(frames, [got((0, 50, b"AAef")), got()]) != []
+
+
 def test_fast_dds_is_kept_on_the_radio() -> None:
     from xml.etree import ElementTree
 
     space = "{http://www.eprosima.com}"
-    root = ElementTree.fromstring(profile("10.77.0.2").encode())
+    root = ElementTree.fromstring(profile("10.77.0.2", lease=2.5, heartbeat_period=0.02).encode())
+    times = [(each.tag.removeprefix(space), [part.text for part in each]) for each in root.iter() if len(each) == 2]
+    assert ("leaseDuration", ["2", "500000000"]) in times
+    assert ("heartbeat_period", ["0", "20000000"]) in times
     assert [each.text for each in root.iter(f"{space}type")] == ["UDPv4"]
     assert [each.text for each in root.iter(f"{space}useBuiltinTransports")] == ["false"]
     assert [each.text for each in root.iter(f"{space}kind")] == ["OFF", "OFF"]
     assert [each.text for each in root.iter(f"{space}address")] == ["10.77.0.2"]
+    own = profile("10.77.0.2", lease=None, heartbeat_period=None)
+    assert "leaseDuration" not in own
+    assert "heartbeat_period" not in own
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of a parser that ROS brings

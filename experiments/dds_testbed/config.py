@@ -29,6 +29,20 @@ class QosConfig(Part):
     lifespan_ms: Positive | None
 
 
+class DdsConfig(Part):
+    """What DDS alone has."""
+
+    lease: Positive | None
+    heartbeat_period: Positive | None
+
+
+class OutageConfig(Part):
+    """A time without radio, in s from the first sample."""
+
+    begin: NotNegative
+    duration: NotNegative
+
+
 class ZenohConfig(Part):
     """What Zenoh alone has."""
 
@@ -49,8 +63,10 @@ class TestbedConfig(SimulationConfig):
 
     middleware: Literal[MIDDLEWARES]  # type: ignore[valid-type]
     qos: QosConfig
+    dds: DdsConfig
     zenoh: ZenohConfig
     deadline_ms: NotNegative
+    outage: OutageConfig
     link: Literal["auto", "tap", "veth"]
     in_order: bool
     warm_up: Positive
@@ -70,16 +86,20 @@ class TestbedConfig(SimulationConfig):
             raise ValueError("loop.actuation: got 'instant', expected what real time allows, 'arrival' or 'deadline'")
         if self.middleware == "zenoh" and self.qos.lifespan_ms is not None:
             raise ValueError(f"qos.lifespan_ms: got {self.qos.lifespan_ms:g}, expected null: Zenoh has no lifespan")
+        if self.middleware != "fastdds" and self.dds.heartbeat_period is not None:
+            raise ValueError(f"dds.heartbeat_period: got {self.dds.heartbeat_period:g} with {self.middleware}, "
+                             "expected null: it is set for Fast DDS only")  # fmt: skip
         if not 1 <= scenario.num_robots <= 16:
             raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")
-        own = self.zenoh.model_dump() if self.middleware == "zenoh" else {}
+        own = (self.zenoh if self.middleware == "zenoh" else self.dds).model_dump()
         design = {name: float(value) for name, value in vars(self.baseline()).items()}
         return Plan(
             start=self.scenario.start, goal=self.scenario.goal, horizon=scenario.horizon,
             design=design | {"deadline": self.deadline_ms * 1e-3}, rules=vars(rules), middleware=self.middleware,
             options=own, reliable=self.qos.reliability == "reliable",
             depth=self.qos.depth, lifespan=None if self.qos.lifespan_ms is None else self.qos.lifespan_ms * 1e-3,
-            warm_up=self.warm_up, cool_down=self.cool_down, tap=tap, folder=str(folder),
+            warm_up=self.warm_up, cool_down=self.cool_down, tap=tap,
+            outage=(self.outage.begin, self.outage.begin + self.outage.duration), folder=str(folder),
         )  # fmt: skip
 
 

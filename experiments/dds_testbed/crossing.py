@@ -16,6 +16,7 @@ from experiments.dds_testbed.link import SIDES
 __all__ = ["Crossed", "ReceivedBy", "past_the_radio"]
 
 _ETHERNET, _UDP, _TCP_PROTOCOL = 14, 8, 6
+_MORE, _OFFSET = 0x2000, 0x1FFF  # of a fragment: whether others follow, and where it stands, in eight bytes
 _HALF = 2**31  # of the sequence numbers of TCP
 
 
@@ -86,7 +87,7 @@ def past_the_radio(frames: Iterable[Crossed], by_side: list[ReceivedBy]) -> list
 
 
 def _heard(frames: Iterable[Crossed]) -> dict[tuple[int, int], _Heard]:
-    """Payloads by link and side: of datagrams as they came, of streams put together by their sequence numbers."""
+    """Payloads by link and side: of datagrams as they came, of fragments and streams put together by their numbers."""
     heard: dict[tuple[int, int], _Heard] = defaultdict(_Heard)
     streams: dict[tuple[int, int, bytes], list[tuple[int, int, bytes]]] = defaultdict(list)
     for time, link, side, frame in frames:
@@ -94,7 +95,11 @@ def _heard(frames: Iterable[Crossed]) -> dict[tuple[int, int], _Heard]:
             continue
         at = _ETHERNET + 4 * (frame[_ETHERNET] & 0x0F)
         end = _ETHERNET + int.from_bytes(frame[_ETHERNET + 2 : _ETHERNET + 4], "big")
-        if frame[_ETHERNET + 9] == _TCP_PROTOCOL:
+        fragment = int.from_bytes(frame[_ETHERNET + 6 : _ETHERNET + 8], "big")
+        if fragment & (_MORE | _OFFSET):
+            of = frame[_ETHERNET + 4 : _ETHERNET + 6]
+            streams[link, side, of].append((8 * (fragment & _OFFSET), time, frame[at : end or None]))
+        elif frame[_ETHERNET + 9] == _TCP_PROTOCOL:
             number, begin = int.from_bytes(frame[at + 4 : at + 8], "big"), at + 4 * (frame[at + 12] >> 4)
             streams[link, side, frame[at : at + 4]].append((number, time, frame[begin : end or None]))
         else:

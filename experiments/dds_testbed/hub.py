@@ -79,6 +79,7 @@ class Hub:
         relay.radio = radio
         padding, tau = self._plan.padding, self._plan.tau
         start = time.monotonic_ns() + round(_HEAD_START * 1e9) + padding[0] * tau
+        radio.silent(*(start + round(time * 1e9) for time in self._plan.outage))
         for channel in self._channels:
             send(channel, start=start)
         relay.run(start, self._watched())

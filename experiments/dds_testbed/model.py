@@ -12,12 +12,18 @@ from experiments.dds_testbed.cases import HORIZON, PROFILES, Case
 from experiments.dds_testbed.config import read_config
 from qocjax import simulate
 from qocjax.network import LoopNetwork
-from qocjax.network.dds import DdsNetwork, Profile, Topic, loop_statistics, per_second
+from qocjax.network.dds import TIMERS, DdsNetwork, Profile, Topic, loop_statistics, per_second
 
-__all__ = ["PAYLOAD", "model_of", "numbers_of"]
+__all__ = ["PAYLOAD", "model_of", "modelled", "numbers_of"]
 
 SEEDS = 32
 PAYLOAD = {"uplink": 100, "downlink": 28}  # bytes of a serialised State of two robots, and of a Command
+_OF_ROS = {"uplink": 172 + 87, "downlink": 68 + 87}  # Path, TwistStamped, and what Fast DDS puts into DATA beside them
+
+
+def modelled(case: Case) -> bool:
+    """Whether the model is of this transport: RTPS, or nothing that repairs; it has no TCP."""
+    return case.middleware in TIMERS or case.profile == "best_effort_udp"
 
 
 def model_of(case: Case) -> DdsNetwork:
@@ -26,10 +32,14 @@ def model_of(case: Case) -> DdsNetwork:
     legs = config.build_network()
     if not isinstance(legs, LoopNetwork):
         raise TypeError(f"network: got a {type(legs).__name__}, expected a LoopNetwork")
-    reliability, depth = PROFILES[case.profile]
-    profile = Profile(reliability=reliability, depth=depth, reader_depth=depth)
+    depth = PROFILES[case.middleware][case.profile].get("qos.depth", 10)
+    depth = None if depth == "null" else depth
+    profile = Profile(
+        reliability=config.qos.reliability, depth=depth, reader_depth=depth, **TIMERS.get(case.middleware, {})
+    )
+    payload = _OF_ROS if case.middleware == "fastdds" else PAYLOAD
     topics = {
-        name: Topic(leg.delay, leg.loss, profile=profile, payload=PAYLOAD[name], in_order=config.in_order)
+        name: Topic(leg.delay, leg.loss, profile=profile, payload=payload[name], in_order=config.in_order)
         for name, leg in (("uplink", legs.uplink), ("downlink", legs.downlink))
     }
     return DdsNetwork(**topics, compute=legs.compute, name=case.name)
@@ -57,7 +67,7 @@ def _simulated(
 def numbers_of(case: Case) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Numbers of each seed, [S] each with the AUC [S, N], and all its loop times [S, P, N] (s).
 
-    As in the testbed there are loops before the run and after it.
+    As in the testbed there are loops before the run and after it, and what comes later than these is lost.
     """
     config = read_config(case.options())
     scenario, tau, robots = config.build_scenario(), config.loop.tau, len(config.scenario.start)
@@ -66,6 +76,8 @@ def numbers_of(case: Case) -> tuple[dict[str, np.ndarray], np.ndarray]:
     seconds = int(config.warm_up + HORIZON + config.cool_down)
     whole, *sent = (np.asarray(each) for each in _simulated(model_of(case), keys, ticks, robots, tau, seconds))
     times, window = whole[:, before : before + run], slice(int(config.warm_up), int(config.warm_up + HORIZON))
+    left = tau * (run + after - np.arange(run))[:, None]
+    times = np.where(times <= left, times, np.inf)
     each_seed = [loop_statistics(seed.T, tau) for seed in times]
     numbers = {name: np.array([seed[name] for seed in each_seed]) for name in each_seed[0]}
     for leg, each in zip(("uplink", "downlink"), sent, strict=True):

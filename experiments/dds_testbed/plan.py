@@ -30,6 +30,7 @@ class Plan:
     lifespan: float | None  # s, None for none
     warm_up: float  # s of loops before the robots' first sample
     cool_down: float  # s of loops after the last
+    outage: tuple[float, float]  # s from the first sample: begin and end of a time without radio
     tap: bool  # whether a side opens its own interfaces
     folder: str  # where the records go, with the compute times
 

@@ -43,10 +43,17 @@ class Radio:
     def __init__(self, directions: tuple[Direction, Direction], tau: float) -> None:
         self._directions, self._tau = directions, tau
         self._start: int | None = None
+        self._silence = (0, 0)
+
+    def silent(self, begin: int, end: int) -> None:
+        """Loses every frame sent from `begin` on and before `end` (ns)."""
+        self._silence = (begin, end)
 
     def fate(self, link: int, side: int, now: int) -> float:
         """Delay (s), infinite if lost, of a frame that a side sends at `now` (ns)."""
         self._start = now if self._start is None else self._start
+        if self._silence[0] <= now < self._silence[1]:
+            return float("inf")
         return self._directions[side].fate(link, int((now - self._start) * 1e-9 / self._tau))
 
 

@@ -22,7 +22,7 @@ from experiments.dds_testbed.middlewares import require
 from experiments.dds_testbed.plan import Plan
 from experiments.dds_testbed.radio import compute_times, draw_radio
 from qocjax.network.dds import loop_statistics
-from qocjax.quality import qoc
+from qocjax.quality import QocScale, qoc
 from qocjax.store import provenance, write_json, written
 
 __all__ = ["measure", "run_and_write"]
@@ -66,11 +66,13 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
             network, of_radio, ticks * _FRAMES_PER_LOOP.get(plan.middleware, 4), ticks, plan.num_robots, tau
         )
         np.save(Path(folder) / "compute.npy", compute_times(network, of_compute, ticks, plan.num_robots))
+        scale = scores.ideal_scale(config.build_scenario(), plan)  # before the run, as it checks the scenario
         say(f"{'TAP' if tap else 'virtual Ethernet'} links, one for each of {plan.num_robots} robots")
         with Hub(plan) as hub:
             traffic = hub.run(radio, config.in_order, say)
         loops, received = scores.loop_table(plan, traffic.start), scores.received(plan)
-        record = _record(config, plan, traffic, loops, received) | {"network": network.describe(), **provenance()}
+        record = _record(config, plan, traffic, loops, received, scale)
+        record |= {"network": network.describe(), **provenance()}
         for robot, table in loops.groupby("robot"):
             _write_csv(output / f"loops_{robot}.csv", table)
         _write_csv(output / "poses.csv", scores.pose_table(plan))
@@ -81,7 +83,12 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
 
 
 def _record(
-    config: TestbedConfig, plan: Plan, traffic: Traffic, loops: pd.DataFrame, received: list[ReceivedBy]
+    config: TestbedConfig,
+    plan: Plan,
+    traffic: Traffic,
+    loops: pd.DataFrame,
+    received: list[ReceivedBy],
+    scale: QocScale,
 ) -> dict[str, Any]:
     """Everything that one run says, in plain values; s and bytes per s."""
     scenario, tau = config.build_scenario(), plan.design["tau"]
@@ -90,7 +97,6 @@ def _record(
         scores.auc_of(scenario, plan, np.load(Path(plan.folder) / "robot.npz")),
         scores.replayed(scenario, plan, times),
     )
-    scale = scores.ideal_scale(scenario, plan)
     ticks = np.arange(plan.num_ticks) * tau
     behind = loops["uplink_send"].to_numpy() - np.tile(ticks, plan.num_robots)
     lateness = {"relay": np.asarray(traffic.lateness) * 1e-9, "tick": behind}

@@ -23,13 +23,13 @@ __all__ = ["Ends"]
 
 _LIBRARY = 0x7FFF0100  # DDS_CYCLONEDDS_HANDLE: what owns a waitset over several domains
 
-# One interface, one peer, no multicast. The lease outlasts a run, so that nothing is discovered again within it.
+# One interface, one peer, no multicast.
 _DOMAIN = """<CycloneDDS><Domain id="any">
   <General>
     <Interfaces><NetworkInterface name="radio{link}"/></Interfaces><AllowMulticast>false</AllowMulticast>
   </General>
   <Discovery>
-    <ParticipantIndex>0</ParticipantIndex><LeaseDuration>600s</LeaseDuration>
+    <ParticipantIndex>0</ParticipantIndex>{lease}
     <Peers><Peer address="{peer}:{port}"/></Peers>
   </Discovery>
 </Domain></CycloneDDS>"""
@@ -44,8 +44,10 @@ class Endpoint:
     """What one side writes to and reads from for one robot."""
 
     def __init__(self, plan: Plan, link: int, side: int) -> None:
+        given = plan.options["lease"]
+        lease = "" if given is None else f"<LeaseDuration>{given:g}s</LeaseDuration>"
         peer = {"peer": address(link, 1 - side), "port": _discovery_port(link)}
-        self._domain = Domain(link, _DOMAIN.format(link=link, **peer))
+        self._domain = Domain(link, _DOMAIN.format(link=link, lease=lease, **peer))
         self._participant = DomainParticipant(link)
         state = Topic(self._participant, "state", IdlState)
         command = Topic(self._participant, "command", IdlCommand)

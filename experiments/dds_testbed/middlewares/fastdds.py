@@ -47,7 +47,7 @@ class Ends:
         self._plan, self._side, self._start = plan, side, 0
         self._arrivals, self._ended = Arrivals(), threading.Event()
         file = File(plan.folder) / f"fastdds_{side}.xml"
-        file.write_text(profile(address(_SUBNET, 1 - side)), encoding="utf-8")
+        file.write_text(profile(address(_SUBNET, 1 - side), **plan.options), encoding="utf-8")
         os.environ |= {
             "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
             "FASTDDS_DEFAULT_PROFILES_FILE": str(file),
