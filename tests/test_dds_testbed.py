@@ -19,11 +19,13 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from experiments.dds_testbed.cases import CASES
+from experiments.dds_testbed.cases import HORIZON, PROFILES, Case, cases_of
 from experiments.dds_testbed.compare import compare, order_of_qoc
-from experiments.dds_testbed.config import read_config
-from experiments.dds_testbed.dynamics import Robots, law_of
+from experiments.dds_testbed.config import read_config, written_config
+from experiments.dds_testbed.dynamics import Robots
+from experiments.dds_testbed.law import law_of
 from experiments.dds_testbed.link import EDGE, ROBOT, Port
+from experiments.dds_testbed.messages import State
 from experiments.dds_testbed.model import numbers_of
 from experiments.dds_testbed.radio import compute_times, draw_radio
 from experiments.dds_testbed.relay import Queue, Relay
@@ -159,23 +161,54 @@ def test_robots_move_as_in_the_simulator(actuation: str, hold: str) -> None:
     times = np.array(network(IndependentLoss(0.2), ShiftedGamma(0.02, 2.0, 0.02)).draw(
         jax.random.key(3), plan.num_ticks, 2, TAU
     ))  # fmt: skip
-    robots, law, poses, coming = Robots(plan), law_of(plan), [], []
+    robots, law, poses, coming = Robots(plan), law_of(plan, config.build_controller()), [], []
     for tick in range(plan.num_ticks):
         for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
             robots.command(*each)
         coming = [each for each in coming if each[0] > tick * plan.tau]
         robots.advance(tick * plan.tau)
         poses.append(robots.poses())
-        speeds = law(poses[-1].ravel().tolist(), robots.ages())
+        state = State(tick, 0, poses[-1].ravel().tolist(), robots.ages())
         for robot in np.flatnonzero(np.isfinite(times[tick])):
             arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
-            coming.append((arrived, int(robot), tick, tuple(speeds[:, robot])))
+            coming.append((arrived, int(robot), tick, law(robot, state)))
     robots.advance(round(plan.horizon * 1e9))
     run = simulate(scenario, plan.as_design(), times, actuation, hold)
     np.testing.assert_allclose(poses, run.pose[:-1], atol=1e-6)
     np.testing.assert_allclose(auc_of(scenario, plan, robots.record()), run.auc, rtol=1e-5)
-    scale = ideal_scale(scenario, plan)
+    scale = ideal_scale(scenario, plan, config.build_controller())
     assert scale.median < float(np.mean(run.auc)) < scale.largest
+
+
+@pytest.mark.slow
+def test_the_stack_drives_as_in_the_simulator(tmp_path: Path) -> None:
+    """Told state by state it gives the commands of `simulate`; what was not heard of leaves a gap, no error."""
+    options = ["controller=navigation", "middleware=fastdds", "controller.mppi.batch_size=64", "loop.tau=0.1",
+               "scenario.horizon=3.0", "deadline_ms=250"]  # fmt: skip
+    config = read_config(options)
+    plan, scenario, stack = config.build_plan(False, tmp_path), config.build_scenario(), config.build_controller()
+    config.write(tmp_path)
+    assert written_config(tmp_path) == config
+    rng = np.random.default_rng(1)
+    times = rng.uniform(0.02, 0.2, (plan.num_ticks, 2))
+    robots, law, poses, coming = Robots(plan), law_of(plan, stack, key=5), [], []
+    for tick in range(plan.num_ticks):
+        for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
+            robots.command(*each)
+        coming = [each for each in coming if each[0] > tick * plan.tau]
+        robots.advance(tick * plan.tau)
+        poses.append(robots.poses())
+        for robot in (0, 1):
+            state = State(tick, 0, poses[-1].ravel().tolist(), robots.ages(), robots.speeds()[robot])
+            arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
+            coming.append((arrived, robot, tick, law(robot, state)))
+    run = simulate(scenario, plan.as_design(), times, **plan.rules, controller=stack, key=jax.random.key(5))
+    np.testing.assert_allclose(poses[:8], run.pose[:8], atol=1e-6)
+    np.testing.assert_allclose(poses, run.pose[:-1], atol=0.05)  # a rollout that just collides or not is another one
+    gap = law_of(plan, stack, key=5)
+    for tick in (-3, 0, 7, 6, plan.num_ticks + 4):
+        speeds = gap(0, State(tick, 0, poses[max(min(tick, len(poses) - 1), 0)].ravel().tolist(), [0.0, 0.0]))
+        assert np.isfinite(speeds).all()
 
 
 def test_configuration_is_checked() -> None:
@@ -185,6 +218,8 @@ def test_configuration_is_checked() -> None:
         ("middleware=other", "middleware: got 'other'"),
         ("qos.foo=1", "qos.foo"),
         ("link=wire", "link: got 'wire'"),
+        ("controller=navigation", "controller: got navigation with cyclonedds, expected apf or middleware=fastdds"),
+        ("dds.heartbeat_period=0.02", "dds.heartbeat_period: got 0.02 with cyclonedds, expected null"),
     ):
         with pytest.raises(ValueError, match=text):
             read_config([option]).build_plan(False, Path())
@@ -201,26 +236,45 @@ def test_says_what_is_missing(tmp_path: Path) -> None:
 
 def test_comparison_of_the_model_with_itself_has_no_error() -> None:
     rng = np.random.default_rng(0)
-    names = ("lost", "p50", "p95", "p99", "age_mean", "age_p99", "uplink_bytes", "downlink_bytes")
-    modelled = {case.name: {name: rng.uniform(1, 2, 8) for name in names} | {"auc": rng.uniform(2, 3, (8, 2))}
-                for case in CASES}  # fmt: skip
+    names = ("lost", "p50", "p95", "p99", "age_mean", "uplink_bytes", "downlink_bytes")
+    cases = cases_of(["fastdds", "zenoh"])
+    drawn = {case: {name: rng.uniform(1, 2, 8) for name in names} | {"auc": rng.uniform(2, 3, (8, 2)) + 5 * k}
+             for k, case in enumerate(cases)}  # fmt: skip
     rows = [
-        {name: numbers[name].mean() for name in names}
-        | dict(zip(("auc_0", "auc_1"), numbers["auc"].mean(0), strict=True))
-        for numbers in modelled.values()
-    ]
-    table = compare(pd.DataFrame(rows), modelled)
-    assert table["error"].abs()[table["number"] != "qoc"].max() < 1e-12
-    assert (table["met"] != "no").all()
-    assert len(order_of_qoc(table)) == 15
+        vars(case) | {"repeat": k} | {name: numbers[name][k] for name in names}
+        | dict(zip(("auc_0", "auc_1"), numbers["auc"][k], strict=True))
+        for case, numbers in drawn.items() for k in range(8)
+    ]  # fmt: skip
+    model = {case: numbers for case, numbers in drawn.items() if case.middleware == "fastdds"}
+    table = compare(pd.DataFrame(rows), model)
+    of_model = table[table["model"].notna()]
+    assert set(of_model["middleware"]) == {"fastdds"} and set(table["middleware"]) == {"fastdds", "zenoh"}
+    assert of_model["error"].abs()[of_model["number"] != "qoc"].max() < 1e-12
+    assert of_model["chance"].all() and (of_model["met"] != "no").all()
+    order = order_of_qoc(table)
+    assert len(order) == 9 * 6 and order["agree"].all() and order["clear"].all()
+    model[cases[0]] = model[cases[0]] | {"lost": model[cases[0]]["lost"] + 0.5}
+    (wrong,) = compare(pd.DataFrame(rows), model).query("met == 'no'").itertuples()
+    assert (wrong.profile, wrong.number) == ("best_effort", "lost") and wrong.error == pytest.approx(0.5)
+
+
+def test_cases_are_options_of_the_testbed() -> None:
+    cases = cases_of(PROFILES)
+    assert len({case.name for case in cases}) == len(cases) == 108
+    for case in (cases[0], Case("fastdds", "reliable_all", 0.3, True), Case("zenoh", "reliable_all", 0.05, False)):
+        plan, again = (read_config(case.options(repeat)).build_plan(False, Path()) for repeat in (0, 1))
+        assert plan == again and plan.middleware == case.middleware and plan.horizon == HORIZON
+        assert plan.reliable == case.profile.startswith("reliable") and (plan.depth is None) == ("all" in case.profile)
+    bursts = Case("fastdds", "reliable_10", 0.2, True).process()
+    assert isinstance(bursts, GilbertElliott) and 0.02 / bursts.p_bad_to_good == pytest.approx(0.2)  # s
+    assert bursts.p_good_to_bad / (bursts.p_good_to_bad + bursts.p_bad_to_good) == pytest.approx(0.2)
 
 
 @pytest.mark.slow
 def test_model_of_a_case() -> None:
     """Lost loops of BEST_EFFORT by the closed form 1 - (1 - p)², a little more or less for overtaking."""
-    case = next(case for case in CASES if (case.profile, case.loss, case.bursty) == ("best_effort", 0.1, False))
-    numbers, times = numbers_of(case)
-    assert times.shape == (32, 1000, 2) and numbers["auc"].shape == (32, 2)
+    numbers, times = numbers_of(Case("cyclonedds", "best_effort", 0.1, False))
+    assert times.shape == (32, 400, 2) and numbers["auc"].shape == (32, 2)
     assert abs(numbers["lost"].mean() - 0.19) < 0.01
 
 

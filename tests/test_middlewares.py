@@ -19,7 +19,8 @@ from experiments import paper_experiment
 from experiments.dds_testbed.bag import record
 from experiments.dds_testbed.config import read_config
 from experiments.dds_testbed.crossing import Crossed, ReceivedBy, past_the_radio
-from experiments.dds_testbed.dynamics import Robots, law_of
+from experiments.dds_testbed.dynamics import Robots
+from experiments.dds_testbed.law import law_of
 from experiments.dds_testbed.link import EDGE, ROBOT, tap_usable
 from experiments.dds_testbed.messages import Command, State
 from experiments.dds_testbed.middlewares import MIDDLEWARES, require
@@ -173,7 +174,7 @@ def drive(folder: Path, options: list[str]) -> tuple[object, object, int]:
     plan, start = config.build_plan(False, folder), 77_000_000_000
     times = np.array(paper_network().draw(jax.random.key(3), plan.num_ticks, 2, plan.design["tau"]))
     times[50:60] = np.inf
-    robots, law, coming, rows, speeds = Robots(plan), law_of(plan), [], [], []
+    robots, law, coming, rows, speeds = Robots(plan), law_of(plan, config.build_controller()), [], [], []
     stamps = np.zeros((2, plan.num_ticks + sum(plan.padding), 2), np.int64)
     for tick in range(plan.num_ticks):
         for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
@@ -183,10 +184,10 @@ def drive(folder: Path, options: list[str]) -> tuple[object, object, int]:
         coming = [each for each in coming if each[0] > tick * plan.tau]
         robots.advance(tick * plan.tau)
         stamps[0, tick + plan.padding[0]] = start + tick * plan.tau + 1000
-        answers = law(robots.poses().ravel().tolist(), robots.ages())
+        state = State(tick, 0, robots.poses().ravel().tolist(), robots.ages())
         for robot in np.flatnonzero(np.isfinite(times[tick])):
             arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
-            coming.append((arrived, int(robot), tick, tuple(answers[:, robot].tolist())))
+            coming.append((arrived, int(robot), tick, law(robot, state)))
     robots.advance(round(plan.horizon * 1e9))
     np.savez(folder / "robot.npz", stamps=stamps, **robots.record())
     return plan, ReceivedBy(np.array(rows), np.array(speeds), np.zeros(len(rows), "V1")), start

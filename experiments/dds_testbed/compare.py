@@ -33,7 +33,7 @@ _CASE = ["middleware", "profile", "loss", "bursty"]
 # name of a number: its aim, and whether that is relative to what was measured; no aim for the last one
 NUMBERS = {
     "lost": (0.02, False), "p50": (0.2, True), "p95": (0.2, True), "p99": (0.2, True), "age_mean": (0.2, True),
-    "auc": (0.2, True), "qoc": (None, False),
+    "uplink_bytes": (0.2, True), "downlink_bytes": (0.2, True), "auc": (0.2, True), "qoc": (None, False),
 }  # fmt: skip
 
 
@@ -56,14 +56,14 @@ def compare(measured: pd.DataFrame, model: Mapping[Case, Mapping[str, np.ndarray
         found = None if drawn is None else _numbers(drawn, drawn["auc"], scale)
         for number in NUMBERS:
             row = dict(zip(_CASE, names, strict=True)) | {"number": number, "runs": len(runs)}
-            rows.append(row | _beside(number, seen[number], None if found is None else found[number]))
+            rows.append(row | _beside(number, seen[number], None if found is None else found.get(number)))
     return pd.DataFrame(rows)
 
 
 def _numbers(runs: Mapping[str, np.ndarray], auc: np.ndarray, scale: QocScale) -> dict[str, np.ndarray]:
-    """Each number of each run; `auc` [R, N]."""
-    own = {"auc": auc.mean(axis=1), "qoc": np.asarray(qoc(auc, scale)).mean(axis=1)}
-    return {name: own.get(name, np.asarray(runs.get(name), float)) for name in NUMBERS}
+    """Each number that there is of each run; `auc` [R, N]."""
+    own = {name: np.asarray(runs[name], float) for name in NUMBERS if name in runs}
+    return own | {"auc": auc.mean(axis=1), "qoc": np.asarray(qoc(auc, scale)).mean(axis=1)}
 
 
 def _beside(number: str, seen: np.ndarray, found: np.ndarray | None) -> dict[str, float | str | bool | None]:

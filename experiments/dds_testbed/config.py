@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,8 +15,11 @@ from pydantic import Field
 from experiments.dds_testbed.middlewares import MIDDLEWARES
 from experiments.dds_testbed.plan import Plan
 from qocjax.config import Part, SimulationConfig, conf_dir, load
+from qocjax.controllers import Apf
 
-__all__ = ["TestbedConfig", "read_config"]
+__all__ = ["TestbedConfig", "read_config", "written_config"]
+
+_FILE = "config.json"
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -89,6 +93,7 @@ class TestbedConfig(SimulationConfig):
         if self.middleware != "fastdds" and self.dds.heartbeat_period is not None:
             raise ValueError(f"dds.heartbeat_period: got {self.dds.heartbeat_period:g} with {self.middleware}, "
                              "expected null: it is set for Fast DDS only")  # fmt: skip
+        self._check_controller()
         if not 1 <= scenario.num_robots <= 16:
             raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")
         own = (self.zenoh if self.middleware == "zenoh" else self.dds).model_dump()
@@ -101,6 +106,26 @@ class TestbedConfig(SimulationConfig):
             warm_up=self.warm_up, cool_down=self.cool_down, tap=tap,
             outage=(self.outage.begin, self.outage.begin + self.outage.duration), folder=str(folder),
         )  # fmt: skip
+
+    def _check_controller(self) -> None:
+        controller = self.build_controller()
+        if isinstance(controller, Apf):
+            return
+        if self.middleware != "fastdds":
+            raise ValueError(f"controller: got {self.controller.law} with {self.middleware}, expected apf or "
+                             "middleware=fastdds, which alone has the odometry that it reads")  # fmt: skip
+        if getattr(controller, "predict", False):
+            raise ValueError("controller.predict: got true, expected false in the testbed")
+        controller.check(self.build_scenario(), self.baseline(), self.loop.build().actuation)
+
+    def write(self, folder: Path) -> None:
+        """Writes the configuration for the edge."""
+        (folder / _FILE).write_text(json.dumps(self.model_dump()), encoding="utf-8")
+
+
+def written_config(folder: Path) -> TestbedConfig:
+    """What `write` has left."""
+    return TestbedConfig.model_validate(json.loads((folder / _FILE).read_text(encoding="utf-8")))
 
 
 def read_config(options: list[str]) -> TestbedConfig:

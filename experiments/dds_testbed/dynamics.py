@@ -1,36 +1,18 @@
-"""The robots' motion and the edge's law: qocjax's own, one step at a time."""
+"""The robots' motion: qocjax's own, one step at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from experiments.dds_testbed.plan import Plan
 from qocjax._math import EXACT
-from qocjax.controllers import apf
 from qocjax.ros.gate import DeadlineGate
 from qocjax.unicycle import Command, Pose, arc, pose_from
 
-__all__ = ["Law", "Robots", "law_of"]
-
-Law = Callable[[list[float], list[float]], np.ndarray]
+__all__ = ["Robots"]
 
 _move = jax.jit(lambda pose, speeds, h: arc(pose, Command(speeds[0], speeds[1]), h, EXACT))
-
-
-def law_of(plan: Plan) -> Law:
-    """The controller as a function of poses [3N] and ages [N] that gives speeds [2, N], compiled."""
-    goal = jnp.broadcast_to(jnp.asarray(plan.goal), (plan.num_robots, 2))
-
-    @jax.jit
-    def compiled(poses: jax.Array, ages: jax.Array) -> jax.Array:
-        command = apf(pose_from(poses.reshape(-1, 3)), ages, (goal[:, 0], goal[:, 1]), plan.as_design(), EXACT)
-        return jnp.stack([command.nu, command.omega])
-
-    return lambda poses, ages: np.asarray(compiled(np.asarray(poses), np.asarray(ages)))
 
 
 class Robots:

@@ -14,7 +14,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from experiments.dds_testbed.dynamics import Law, law_of
+from experiments.dds_testbed.config import written_config
+from experiments.dds_testbed.law import Law, law_of
 from experiments.dds_testbed.link import EDGE
 from experiments.dds_testbed.messages import Command, State
 from experiments.dds_testbed.side import Side
@@ -43,7 +44,7 @@ class Edge:
             self._answer()
 
     def _compute_for(self, robot: int, state: State, received: int) -> None:
-        nu, omega = self._law(state.poses, state.ages)[:, robot].tolist()
+        nu, omega = self._law(robot, state)
         due = received + round(self._compute[state.sequence % len(self._compute), robot] * 1e9)
         command = Command(sequence=state.sequence, nu=nu, omega=omega)
         heapq.heappush(self._waiting, (due, len(self.stamps), robot, command))
@@ -60,8 +61,9 @@ def main(path: str, channel: str) -> None:
     """Runs the edge and keeps its record."""
     jax.config.update("jax_enable_x64", True)
     side = Side(path, channel, EDGE)
-    law = law_of(side.plan)
-    law(np.ravel(side.plan.start).tolist(), [0.0] * side.plan.num_robots)  # compiles
+    config = written_config(Path(side.plan.folder))
+    law = law_of(side.plan, config.build_controller(), config.key)
+    law(0, State(-1, 0, np.ravel(side.plan.start).tolist(), [0.0] * side.plan.num_robots))  # compiles
     side.match()
     gc.disable()
     edge = Edge(side, law)

@@ -14,7 +14,7 @@ class State(NamedTuple):
     uplink_send: int  # ns
     poses: list[float]  # x, y, heading of each robot
     ages: list[float]  # s, of each robot
-    speeds: tuple[float, float] = (0.0, 0.0)  # nu, omega in force of this robot, which the law does not read
+    speeds: tuple[float, float] = (0.0, 0.0)  # nu, omega in force of this robot, which the surrogate law does not read
 
 
 class Command(NamedTuple):

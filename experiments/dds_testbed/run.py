@@ -66,7 +66,8 @@ def measure(config: TestbedConfig, output: Path, say: Callable[[str], None] = la
             network, of_radio, ticks * _FRAMES_PER_LOOP.get(plan.middleware, 4), ticks, plan.num_robots, tau
         )
         np.save(Path(folder) / "compute.npy", compute_times(network, of_compute, ticks, plan.num_robots))
-        scale = scores.ideal_scale(config.build_scenario(), plan)  # before the run, as it checks the scenario
+        config.write(Path(folder))
+        scale = scores.ideal_scale(config.build_scenario(), plan, config.build_controller())  # also checks the scenario
         say(f"{'TAP' if tap else 'virtual Ethernet'} links, one for each of {plan.num_robots} robots")
         with Hub(plan) as hub:
             traffic = hub.run(radio, config.in_order, say)
@@ -95,7 +96,7 @@ def _record(
     times = scores.loop_times(plan, loops)
     auc, again = (
         scores.auc_of(scenario, plan, np.load(Path(plan.folder) / "robot.npz")),
-        scores.replayed(scenario, plan, times),
+        scores.replayed(scenario, plan, times, config.build_controller()),
     )
     ticks = np.arange(plan.num_ticks) * tau
     behind = loops["uplink_send"].to_numpy() - np.tile(ticks, plan.num_robots)

@@ -14,6 +14,7 @@ from experiments.dds_testbed.crossing import ReceivedBy
 from experiments.dds_testbed.link import EDGE, ROBOT, SIDES
 from experiments.dds_testbed.plan import Plan
 from qocjax import QocScale, Scenario, simulate
+from qocjax.controllers import Controller
 from qocjax.quality import Tally, initial_norm
 from qocjax.reference import reference_origin, reference_path
 from qocjax.unicycle import Command, Pose, pose_from
@@ -120,14 +121,16 @@ def loop_times(plan: Plan, loops: pd.DataFrame) -> np.ndarray:
     return loops["loop_time"].to_numpy().reshape(plan.num_robots, plan.num_ticks).T
 
 
-def replayed(scenario: Scenario, plan: Plan, times: np.ndarray) -> np.ndarray:
+def replayed(scenario: Scenario, plan: Plan, times: np.ndarray, controller: Controller) -> np.ndarray:
     """AUC that the simulator gives for the measured loop times [P, N], [N] s."""
-    return np.asarray(simulate(scenario, plan.as_design(), times, **plan.rules).auc)
+    return np.asarray(simulate(scenario, plan.as_design(), times, **plan.rules, controller=controller).auc)
 
 
-def ideal_scale(scenario: Scenario, plan: Plan) -> QocScale:
+def ideal_scale(scenario: Scenario, plan: Plan, controller: Controller) -> QocScale:
     """Scale of a run on its own: QoC is 0.5 for a loop without delay or loss; robots that never move have J_max."""
-    at_once = np.zeros((plan.num_ticks, plan.num_robots))
-    runs = (simulate(scenario, plan.as_design(), times, "instant") for times in (at_once, at_once + np.inf))
-    ideal, stuck = (float(np.mean(run.auc)) for run in runs)
+    design, at_once = plan.as_design(), np.zeros((plan.num_ticks, plan.num_robots))
+    ideal, stuck = (
+        float(np.mean(simulate(scenario, design, times, "instant", controller=controller).auc))
+        for times in (at_once, at_once + np.inf)
+    )
     return QocScale(ideal, stuck)

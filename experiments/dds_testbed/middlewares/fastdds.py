@@ -6,7 +6,7 @@ Every message is one of ROS's own. At a sampling instant a robot publishes, in t
                        command in force of its robot was computed, so its age is the difference of the two stamps
     /robot0/amcl_pose  geometry_msgs/PoseWithCovarianceStamped of this robot, and
     /robot0/odom       nav_msgs/Odometry, with the speeds in force: both as a robot with Nav2 sends them, and read by
-                       the edge, whose law does not need them
+                       the edge, whose navigation stack looks at the speeds
 
 and the edge answers `states` with `/robot0/cmd_vel`, geometry_msgs/TwistStamped, which has its stamp. All stamps are
 sampling instants, so they tell the sequence number.
@@ -18,6 +18,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path as File
 from typing import Any
 
@@ -97,7 +98,8 @@ class Ends:
             return Received(robot, command, stamp, mark_of(content))
         poses = [value for each in content.poses for value in placed(each.pose)]
         ages = [1e-9 * (source - from_stamp(each.header.stamp)) for each in content.poses]
-        return Received(robot, State(sequence, source, poses, ages), stamp, mark_of(content))
+        state = State(sequence, source, poses, ages, self._robots[robot].speeds)
+        return Received(robot, state, stamp, mark_of(content))
 
     def close(self) -> None:
         """Ends the nodes."""
@@ -130,12 +132,16 @@ class _Robot:
         self._publishers = {name: (self._node.create_publisher(kind, name, qos), kind()) for name, kind in sent.items()}
         self._link = link
         self._waiting: tuple[int, State] | None = None  # what pose and odometry are of
+        self.speeds = (0.0, 0.0)  # nu, omega of the newest odometry
         for name, kind in received.items():
-            drives = name in ("states", "cmd_vel")
-            callback = (lambda message: arrivals.put(link, message)) if drives else (lambda message: None)
+            callback = {"odom": self._hear, "amcl_pose": lambda message: None}.get(name, partial(arrivals.put, link))
             self._node.create_subscription(kind, name, callback, qos)
         self.executor = SingleThreadedExecutor(context=self._context)
         self.executor.add_node(self._node)
+
+    def _hear(self, odometry: Any) -> None:
+        twist = odometry.twist.twist
+        self.speeds = twist.linear.x, twist.angular.z
 
     def matched(self) -> bool:
         """Whether every publisher has found its subscription."""
