@@ -301,7 +301,7 @@ def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: P
     done = sweep(["--help"], tmp_path, environment)
     assert done.returncode == 0, done.stderr
     for text in (
-        "network: cell, dds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun",
+        "network: cell, dds, fastdds, kth_5g, loop, paper, trace", "python -m qocjax.sweep --multirun",
         "sweep.seeds=32  ", "Monte Carlo seeds on which designs are chosen", "${robot.v_max}",
     ):  # fmt: skip
         assert text in done.stdout
