@@ -23,10 +23,12 @@ from experiments.dds_testbed.cases import HORIZON, PROFILES, Case, cases_of
 from experiments.dds_testbed.compare import compare, order_of_qoc
 from experiments.dds_testbed.config import read_config, written_config
 from experiments.dds_testbed.dynamics import Robots
+from experiments.dds_testbed.gain import gains
 from experiments.dds_testbed.law import law_of
 from experiments.dds_testbed.link import EDGE, ROBOT, Port
 from experiments.dds_testbed.messages import State
 from experiments.dds_testbed.model import numbers_of
+from experiments.dds_testbed.outages import returned
 from experiments.dds_testbed.radio import compute_times, draw_radio
 from experiments.dds_testbed.relay import Queue, Relay
 from experiments.dds_testbed.rtps import submessages
@@ -304,3 +306,36 @@ def test_short_run(tmp_path: Path) -> None:
     poses = pd.read_csv(tmp_path / "poses.csv")
     assert set(poses.columns) == {"time", "robot", "x", "y", "heading", "nu", "omega"}
     assert poses["time"].iloc[-1] == 4.0
+
+
+@pytest.mark.slow
+def test_gain_of_repairs_by_hand(tmp_path: Path) -> None:
+    """The same loops gain nothing; loops that complete gain where a missed one stops the robot, and more than held."""
+    ticks = round(HORIZON / TAU)
+    for profile, lost in (("best_effort", 0.6), ("reliable_1", 0.6), ("reliable_10", 0.0)):
+        for repeat in (0, 1):
+            folder = tmp_path / Case("cyclonedds", profile, 0.3, False).name / str(repeat)
+            folder.mkdir(parents=True)
+            rng = np.random.default_rng(repeat)
+            for robot in (0, 1):
+                times = np.where(rng.uniform(size=ticks) < lost, np.inf, 0.02)
+                pd.DataFrame({"loop_time": times}).to_csv(folder / f"loops_{robot}.csv", index=False)
+    table = pd.DataFrame(gains(tmp_path)).set_index(["profile", "hold"])
+    assert set(table["loss"]) == {0.3}
+    assert table.loc[("reliable_1", "hold"), "gain"] == pytest.approx(0.0, abs=1e-12)
+    assert table.loc[("reliable_10", "zero"), "gain"] > 0.1 > table.loc[("reliable_10", "hold"), "gain"]
+
+
+def test_what_comes_back_after_an_outage() -> None:
+    """An outage from 2 to 4 s at 10 Hz: three old states come late, the first answer at 4.5 s, a slow loop at 5 s."""
+    sent = np.arange(80) * 0.1
+    at_edge = np.where((sent >= 2.0) & (sent < 4.4), np.nan, sent + 0.01)
+    at_edge[[37, 38, 39]] = 4.2
+    back = np.where((sent >= 2.0) & (sent < 4.45), np.nan, sent + 0.02)
+    back[50] = sent[50] + 1.5
+    loops = pd.DataFrame({"uplink_send": sent, "edge_receive": at_edge, "downlink_receive": back,
+                          "loop_time": np.nan_to_num(back - sent, nan=np.inf)})  # fmt: skip
+    found = returned(loops, 4.0)
+    assert found == pytest.approx({"state": 0.2, "command": 0.52, "steady": 1.0, "late_states": 3, "oldest": 0.5})
+    never = returned(loops.assign(edge_receive=np.nan, downlink_receive=np.nan, loop_time=np.inf), 4.0)
+    assert never["state"] == never["command"] == never["steady"] == np.inf

@@ -51,16 +51,21 @@ def _auc(case: Case, times: np.ndarray, hold: str) -> np.ndarray:
 
 
 def gains(folder: Path) -> Iterator[dict[str, object]]:
-    """A row for each RELIABLE profile, channel and hold: the deadline at which it gains most, and each at its best."""
+    """A row for each RELIABLE profile, channel and hold, of which the folder has two runs or more.
+
+    `gain` is what RELIABLE is worth, relative to the base profile of its middleware, with one deadline for both, that
+    of the largest gain; `best_gain` with each at its own best deadline. For each run deadlines are chosen on the other
+    runs. Differences of QoC and their intervals are paired by run; J_med and J_max are those of the two compared.
+    """
     for middleware, profiles in PROFILES.items():
         base, *others = profiles
         for loss, bursty in CHANNELS:
             plain = _loop_times(Case(middleware, base, loss, bursty), folder)
             for profile in others:
-                repaired = _loop_times(Case(middleware, profile, loss, bursty), folder)
+                case = Case(middleware, profile, loss, bursty)
+                repaired = _loop_times(case, folder)
                 both = sorted(plain.keys() & repaired.keys())
                 if len(both) > 1:
-                    case = Case(middleware, profile, loss, bursty)
                     pair = [np.stack([runs[k] for k in both]) for runs in (plain, repaired)]
                     yield from (vars(case) | {"hold": hold} | _row(case, pair, hold) for hold in HOLDS)
 
@@ -68,16 +73,24 @@ def gains(folder: Path) -> Iterator[dict[str, object]]:
 def _row(case: Case, pair: list[np.ndarray], hold: str) -> dict[str, float]:
     auc = np.stack([_auc(case, times, hold) for times in pair])  # [2, D, R, N]
     score = np.asarray(qoc(auc, QocScale.of(auc.ravel()))).mean(axis=-1)
-    mean = score.mean(axis=-1)
-    at = int(np.argmax(mean[1] / mean[0]))
-    best = np.argmax(mean, axis=1)
-    own = paired(score[1, best[1]], score[0, best[0]])
-    here = paired(score[1, at], score[0, at])
+    at = [int(np.argmax(each[1] / each[0])) for each in _of_the_others(score)]
+    row = {"deadline": float(np.median(DEADLINES[at]))} | _judged(score, [(k, k) for k in at], "")
+    return row | _judged(score, [tuple(np.argmax(each, axis=1)) for each in _of_the_others(score)], "best_")
+
+
+def _of_the_others(score: np.ndarray) -> Iterator[np.ndarray]:
+    """Mean [2, D] over all runs but one, for each run of [2, D, R]."""
+    runs = score.shape[-1]
+    return (score[..., np.arange(runs) != run].mean(axis=-1) for run in range(runs))
+
+
+def _judged(score: np.ndarray, chosen: list[tuple[int, int]], name: str) -> dict[str, float]:
+    """Gain and paired difference of each run [2, D, R] at the deadlines that were chosen for it."""
+    plain, repaired = (np.array([score[k, each[k], run] for run, each in enumerate(chosen)]) for k in (0, 1))
+    found = paired(repaired, plain)
     return {
-        "deadline": float(DEADLINES[at]), "gain": float(mean[1, at] / mean[0, at] - 1.0),
-        "difference": float(here.mean), "half_width": float(here.half_width),
-        "best_gain": float(mean[1, best[1]] / mean[0, best[0]] - 1.0), "best_difference": float(own.mean),
-        "best_half_width": float(own.half_width),
+        f"{name}gain": float(repaired.mean() / plain.mean() - 1.0), f"{name}difference": found.mean,
+        f"{name}low": found.low, f"{name}high": found.high,
     }  # fmt: skip
 
 
