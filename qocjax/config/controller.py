@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from qocjax.config.part import Part, conf_dir
-from qocjax.controllers import Apf, Controller
+from qocjax.controllers import Apf, Cbf, Controller
 from qocjax.navigation import (
     ConstraintCritic,
     CostCritic,
@@ -29,7 +29,7 @@ from qocjax.navigation import (
 )
 from qocjax.scenario import Scenario
 
-__all__ = ["ApfConfig", "ControllerConfig", "NavigationConfig", "map_of"]
+__all__ = ["ApfConfig", "CbfConfig", "ControllerConfig", "NavigationConfig", "map_of"]
 
 _CRITICS = {
     critic.__name__: critic
@@ -57,6 +57,25 @@ class ApfConfig(Part):
     def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> Controller:
         """The surrogate law, which knows no map."""
         return Apf()
+
+
+class CbfConfig(Part):
+    """Gains of the goal law behind a barrier."""
+
+    law: Literal["cbf"]
+    kappa: float
+    gamma: float
+    c_miss: float
+    d_safe: float
+    alpha: float
+
+    def gains(self) -> dict[str, float]:
+        """Values of the baseline design; the law reads no repulsion gain."""
+        return self.model_dump(exclude={"law", "alpha"})
+
+    def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> Controller:
+        """The law, which knows no map."""
+        return Cbf(self.alpha)
 
 
 class InflationConfig(Part):
@@ -149,7 +168,7 @@ class NavigationConfig(Part):
         )
 
 
-ControllerConfig = Annotated[ApfConfig | NavigationConfig, Field(discriminator="law")]
+ControllerConfig = Annotated[ApfConfig | CbfConfig | NavigationConfig, Field(discriminator="law")]
 
 
 def map_of(

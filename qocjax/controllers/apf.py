@@ -14,7 +14,7 @@ from qocjax.pairs import pair_forces
 from qocjax.scenario import Design, Scenario
 from qocjax.unicycle import Command, Pose
 
-__all__ = ["MIN_DISTANCE", "Apf", "apf"]
+__all__ = ["MIN_DISTANCE", "Apf", "apf", "steer"]
 
 # Floor of d_ij, so that coincident robots give finite numbers (m).
 MIN_DISTANCE = 1e-6
@@ -63,6 +63,11 @@ def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math:
     push_x, push_y = _repulsion(pose, age, design)
     v_x = (goal[0] - pose.x) * design.kappa + push_x
     v_y = (goal[1] - pose.y) * design.kappa + push_y
+    return steer(v_x, v_y, pose, design, math)
+
+
+def steer(v_x: Array, v_y: Array, pose: Pose, design: Design, math: AngleMath) -> Command:
+    """The saturated command that turns a unicycle into a desired velocity (m/s), [N, *B] (paper, Eqs. 7 and 8)."""
     # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
     along = v_x * pose.cos + v_y * pose.sin
     across = v_y * pose.cos - v_x * pose.sin

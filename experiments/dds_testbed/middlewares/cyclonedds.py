@@ -6,7 +6,7 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
+from cyclonedds.core import DDSException, InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
@@ -61,8 +61,12 @@ class Endpoint:
         return bool(self._writer.get_matched_subscriptions() and self._reader.get_matched_publications())
 
     def write(self, message: Message) -> None:
-        """Sends a message."""
-        self._writer.write(IdlState(*message[:4]) if isinstance(message, State) else IdlCommand(*message))
+        """Sends a message, unless the writer would have to wait for room: robots and edge wait for nothing."""
+        try:
+            self._writer.write(IdlState(*message[:4]) if isinstance(message, State) else IdlCommand(*message))
+        except DDSException as error:
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # KEEP_ALL, and too much is not acknowledged
+                raise
 
     def take(self) -> list[Message]:
         """Takes the messages that have arrived, oldest first; samples without data say that a writer ended."""
@@ -70,7 +74,7 @@ class Endpoint:
 
 
 def _qos(plan: Plan) -> Qos:
-    reliable, best_effort = Policy.Reliability.Reliable(duration(seconds=1)), Policy.Reliability.BestEffort
+    reliable, best_effort = Policy.Reliability.Reliable(duration(seconds=0)), Policy.Reliability.BestEffort
     history = Policy.History.KeepAll if plan.depth is None else Policy.History.KeepLast(plan.depth)
     policies = [reliable if plan.reliable else best_effort, history, Policy.Durability.Volatile]
     if plan.lifespan is not None:
