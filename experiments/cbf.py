@@ -110,8 +110,10 @@ def draw(table: pd.DataFrame) -> Figure:
     quantities = (("qoc", "QoC"), ("closest_mean", "smallest distance (m)"), ("collided", "runs with a collision"))
     with paper_style():
         figure, axes = plt.subplots(3, len(CASES), figsize=(DOUBLE_COLUMN, 5.6), sharex=True, layout="constrained")
+        for row, (_, label) in zip(axes, quantities, strict=True):
+            row[0].set_ylabel(label)
         for column, case in zip(axes.T, CASES, strict=True):
-            for axis, (name, label) in zip(column, quantities, strict=True):
+            for axis, (name, _) in zip(column, quantities, strict=True):
                 for (law, kind), rows in table[table["case"] == case].groupby(["law", "gains"], sort=False):
                     style = {"color": _COLOURS[law], "ls": "-" if kind == "chosen" else "--"}
                     axis.plot(rows["deadline_ms"], rows[name], label=f"{law}, {kind}", **style)
@@ -119,7 +121,6 @@ def draw(table: pd.DataFrame) -> Figure:
                         continue
                     axis.fill_between(rows["deadline_ms"], rows[f"{name}_low"], rows[f"{name}_high"],
                                       color=_COLOURS[law], alpha=0.2, lw=0)  # fmt: skip
-                axis.set_ylabel(label if column is axes.T[0] else "")
             column[0].set_title(case)
             column[1].axhline(2 * float(np.asarray(Scenario().robot_radius)), color=GREY, lw=0.6)
             column[2].axhline(LIMIT, color=GREY, lw=0.6)
