@@ -96,7 +96,9 @@ def test_law_is_that_of_plain_python() -> None:
         pose = pose_from(jnp.asarray(poses))
         squeezed, command, _ = law.command(task, law.begin(task, pose, None), Sight(0, pose, jnp.asarray(ages), None))
         free = np.asarray(squeezed) == 0.0
-        np.testing.assert_allclose(np.stack([command.nu, command.omega], axis=-1)[free], np.array(expected)[free], atol=1e-5)
+        np.testing.assert_allclose(
+            np.stack([command.nu, command.omega], axis=-1)[free], np.array(expected)[free], atol=1e-5
+        )
         assert free.sum() >= 2
 
 

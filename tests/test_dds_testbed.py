@@ -320,10 +320,11 @@ def test_gain_of_repairs_by_hand(tmp_path: Path) -> None:
             for robot in (0, 1):
                 times = np.where(rng.uniform(size=ticks) < lost, np.inf, 0.02)
                 pd.DataFrame({"loop_time": times}).to_csv(folder / f"loops_{robot}.csv", index=False)
-    table = pd.DataFrame(gains(tmp_path)).set_index(["profile", "hold"])
+    table = pd.DataFrame(gains(tmp_path)).set_index(["profile", "actuation", "hold"])
     assert set(table["loss"]) == {0.3}
-    assert table.loc[("reliable_1", "hold"), "gain"] == pytest.approx(0.0, abs=1e-12)
-    assert table.loc[("reliable_10", "zero"), "gain"] > 0.1 > table.loc[("reliable_10", "hold"), "gain"]
+    assert table.loc[("reliable_1", "arrival", "hold"), "gain"] == pytest.approx(0.0, abs=1e-12)
+    held, stopped = (table.loc[("reliable_10", "deadline", hold), "gain"] for hold in ("hold", "zero"))
+    assert stopped > 0.1 > held
 
 
 def test_what_comes_back_after_an_outage() -> None:

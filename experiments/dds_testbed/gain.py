@@ -1,9 +1,10 @@
-"""What RELIABLE is worth over BEST_EFFORT: QoC of the measured loops, at any deadline, held or stopped.
+"""What RELIABLE is worth over BEST_EFFORT: QoC of the measured loops, at any deadline, under each rule of the robot.
 
     python -m experiments.dds_testbed.gain [--runs folder]
 
 The simulator gives the measured AUC for the measured loop times, so it is asked here what these times are worth under
-other deadlines and where a missed loop stops the robot. The folder is that of `compare --measure`.
+other deadlines, where a command waits for its deadline, and where a missed loop stops the robot. The folder is that of
+`compare --measure`.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from qocjax.study.statistics import paired
 __all__ = ["gains", "main"]
 
 DEADLINES = np.array([0.04, 0.06, 0.08, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0])  # s
-HOLDS = ("hold", "zero")
+RULES = tuple(
+    {"actuation": actuation, "hold": hold} for actuation in ("arrival", "deadline") for hold in ("hold", "zero")
+)
 
 
 def _loop_times(case: Case, folder: Path) -> dict[int, np.ndarray]:
@@ -38,11 +41,11 @@ def _loop_times(case: Case, folder: Path) -> dict[int, np.ndarray]:
     return found
 
 
-def _auc(case: Case, times: np.ndarray, hold: str) -> np.ndarray:
-    """AUC [D, R, N] s of runs [R, P, N] at each deadline; late commands take effect when they come."""
+def _auc(case: Case, times: np.ndarray, chosen: dict[str, str]) -> np.ndarray:
+    """AUC [D, R, N] s of runs [R, P, N] at each deadline."""
     config = read_config(case.options())
     scenario, plan = config.build_scenario(), config.build_plan(False, Path())
-    rules = plan.rules | {"hold": hold}
+    rules = plan.rules | chosen
 
     def one(deadline: jax.Array, loops: jax.Array) -> jax.Array:
         return simulate(scenario, replace(plan.as_design(), deadline=deadline), loops, **rules).auc
@@ -51,7 +54,7 @@ def _auc(case: Case, times: np.ndarray, hold: str) -> np.ndarray:
 
 
 def gains(folder: Path) -> Iterator[dict[str, object]]:
-    """A row for each RELIABLE profile, channel and hold, of which the folder has two runs or more.
+    """A row for each RELIABLE profile, channel, actuation and hold, of which the folder has two runs or more.
 
     `gain` is what RELIABLE is worth, relative to the base profile of its middleware, with one deadline for both, that
     of the largest gain; `best_gain` with each at its own best deadline. For each run deadlines are chosen on the other
@@ -67,11 +70,11 @@ def gains(folder: Path) -> Iterator[dict[str, object]]:
                 both = sorted(plain.keys() & repaired.keys())
                 if len(both) > 1:
                     pair = [np.stack([runs[k] for k in both]) for runs in (plain, repaired)]
-                    yield from (vars(case) | {"hold": hold} | _row(case, pair, hold) for hold in HOLDS)
+                    yield from (vars(case) | rules | _row(case, pair, rules) for rules in RULES)
 
 
-def _row(case: Case, pair: list[np.ndarray], hold: str) -> dict[str, float]:
-    auc = np.stack([_auc(case, times, hold) for times in pair])  # [2, D, R, N]
+def _row(case: Case, pair: list[np.ndarray], rules: dict[str, str]) -> dict[str, float]:
+    auc = np.stack([_auc(case, times, rules) for times in pair])  # [2, D, R, N]
     score = np.asarray(qoc(auc, QocScale.of(auc.ravel()))).mean(axis=-1)
     at = [int(np.argmax(each[1] / each[0])) for each in _of_the_others(score)]
     row = {"deadline": float(np.median(DEADLINES[at]))} | _judged(score, [(k, k) for k in at], "")
