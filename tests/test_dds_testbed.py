@@ -254,7 +254,7 @@ def test_comparison_of_the_model_with_itself_has_no_error() -> None:
     assert of_model["error"].abs()[of_model["number"] != "qoc"].max() < 1e-12
     assert of_model["chance"].all() and (of_model["met"] != "no").all()
     order = order_of_qoc(table)
-    assert len(order) == 9 * 6 and order["agree"].all() and order["clear"].all()
+    assert len(order) == 9 * 10 and order["agree"].all() and order["clear"].all()
     model[cases[0]] = model[cases[0]] | {"lost": model[cases[0]]["lost"] + 0.5}
     (wrong,) = compare(pd.DataFrame(rows), model).query("met == 'no'").itertuples()
     assert (wrong.profile, wrong.number) == ("best_effort", "lost") and wrong.error == pytest.approx(0.5)
@@ -262,7 +262,7 @@ def test_comparison_of_the_model_with_itself_has_no_error() -> None:
 
 def test_cases_are_options_of_the_testbed() -> None:
     cases = cases_of(PROFILES)
-    assert len({case.name for case in cases}) == len(cases) == 108
+    assert len({case.name for case in cases}) == len(cases) == 117
     for case in (cases[0], Case("fastdds", "reliable_all", 0.3, True), Case("zenoh", "reliable_all", 0.05, False)):
         plan, again = (read_config(case.options(repeat)).build_plan(False, Path()) for repeat in (0, 1))
         assert plan == again and plan.middleware == case.middleware and plan.horizon == HORIZON

@@ -31,6 +31,7 @@ _OF_DDS = {
     "reliable_10": {"qos.reliability": "reliable", "qos.depth": 10},
     "reliable_all": {"qos.reliability": "reliable", "qos.depth": "null"},
 }
+_OF_FASTDDS = _OF_DDS | {"reliable_10_fast": _OF_DDS["reliable_10"] | {"dds.heartbeat_period": _TAU}}
 # rmw_zenoh: TCP unless asked otherwise; KEEP_ALL blocks where all else drops; the depth changes nothing on the wire
 _OF_ZENOH = {
     "best_effort_udp": {"qos.reliability": "best_effort", "zenoh.protocol": "udp"},
@@ -38,7 +39,7 @@ _OF_ZENOH = {
     "reliable_10": {"qos.reliability": "reliable", "zenoh.protocol": "tcp"},
     "reliable_all": {"qos.reliability": "reliable", "qos.depth": "null", "zenoh.congestion": "block"},
 }
-PROFILES = {"cyclonedds": _OF_DDS, "fastdds": _OF_DDS, "zenoh": _OF_ZENOH}
+PROFILES = {"cyclonedds": _OF_DDS, "fastdds": _OF_FASTDDS, "zenoh": _OF_ZENOH}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
     python -m experiments.dds_testbed.compare [--measure] [--runs folder]
 
-With --measure the runs are made first, 324 of about 20 s (see cases.py); those that the folder holds are kept, and
+With --measure the runs are made first, 351 of about 20 s (see cases.py); those that the folder holds are kept, and
 one that is rejected three times is left out. Without, the numbers of experiments/results/middlewares.csv are compared,
 which needs neither root nor any middleware.
 """

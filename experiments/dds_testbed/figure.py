@@ -22,6 +22,7 @@ _NAMES = {"cyclonedds": "Cyclone DDS", "fastdds": "Fast DDS", "zenoh": "Zenoh"}
 _LABELS = {
     "best_effort": "BEST_EFFORT", "reliable_1": "RELIABLE, 1", "reliable_10": "RELIABLE, 10",
     "reliable_all": "RELIABLE, all", "best_effort_udp": "BEST_EFFORT, UDP",
+    "reliable_10_fast": "RELIABLE, 10, 20 ms",
 }  # fmt: skip
 _SHOWN = (
     ("lost", "lost loops (%)", 100.0),

@@ -34,9 +34,10 @@ def model_of(case: Case) -> DdsNetwork:
         raise TypeError(f"network: got a {type(legs).__name__}, expected a LoopNetwork")
     depth = PROFILES[case.middleware][case.profile].get("qos.depth", 10)
     depth = None if depth == "null" else depth
-    profile = Profile(
-        reliability=config.qos.reliability, depth=depth, reader_depth=depth, **TIMERS.get(case.middleware, {})
-    )
+    timers = TIMERS.get(case.middleware, {})
+    if config.dds.heartbeat_period is not None:
+        timers = timers | {"heartbeat_period": config.dds.heartbeat_period}
+    profile = Profile(reliability=config.qos.reliability, depth=depth, reader_depth=depth, **timers)
     payload = _OF_ROS if case.middleware == "fastdds" else PAYLOAD
     topics = {
         name: Topic(leg.delay, leg.loss, profile=profile, payload=payload[name], in_order=config.in_order)
