@@ -102,6 +102,8 @@ def test_fragments_are_put_together() -> None:
     assert past_the_radio(frames, [got((0, 30, b"cdef")), got()]) == []
     assert past_the_radio(frames, [got((0, 29, b"cdef")), got()]) != []
     assert past_the_radio(frames, [got((0, 50, b"AAef")), got()]) != []
+    again = [*frames, Crossed(40, 0, ROBOT, packet(b"cdef"))]  # sent again, not in pieces
+    assert past_the_radio(again, [got((0, 30, b"cdef")), got()]) == []
 
 
 def test_fast_dds_is_kept_on_the_radio() -> None:

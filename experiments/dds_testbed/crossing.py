@@ -60,10 +60,14 @@ class _Heard:
         return b"".join(self._content), np.concatenate([*self._times, np.zeros(0, np.int64)])
 
     def had(self, mark: bytes, by: int) -> bool:
-        """Whether the whole of a mark had come by a time (ns)."""
+        """Whether the whole of a mark had come by a time (ns), at any of the times that it was sent."""
         content, times = self._all
         at = content.find(mark)
-        return at >= 0 and bool(times[at : at + len(mark)].max() <= by)
+        while at >= 0:
+            if times[at : at + len(mark)].max() <= by:
+                return True
+            at = content.find(mark, at + 1)
+        return False
 
 
 def past_the_radio(frames: Iterable[Crossed], by_side: list[ReceivedBy]) -> list[str]:
