@@ -67,18 +67,33 @@ def _numbers(runs: Mapping[str, np.ndarray], auc: np.ndarray, scale: QocScale) -
 
 
 def _beside(number: str, seen: np.ndarray, found: np.ndarray | None) -> dict[str, float | str | bool | None]:
-    """A row's values for the runs [R] and the model's seeds [S] of one number."""
-    mean, deviation = float(seen.mean()), float(seen.std(ddof=1)) if seen.size > 1 else np.nan
+    """A row's values for the runs [R] and the model's seeds [S] of one number.
+
+    A time is that of the runs in which a loop completes at all, and infinite where there are none.
+    """
+    seen = _finite(seen)
+    mean = float(seen.mean())
     if found is None:
-        return {"measured": mean, "spread": deviation}
-    model, spread = float(found.mean()), float(found.std(ddof=1))
+        return {"measured": mean, "spread": _spread(seen)}
+    found = _finite(found)
+    model, spread = float(found.mean()), _spread(found)
     aim, relative = NUMBERS[number]
-    error = (model - mean) / (mean if relative else 1.0)
+    both = mean == model  # also where both are infinite
+    error = 0.0 if both else (model - mean) / (mean if relative and np.isfinite(mean) else 1.0)
     return {
         "measured": mean, "spread": spread, "model": model, "error": error, "aim": aim,
         "met": "" if aim is None else "yes" if abs(error) <= aim else "no",
-        "chance": bool(abs(model - mean) <= 2.0 * spread * np.sqrt(1.0 / seen.size + 1.0 / found.size)),
+        "chance": both or bool(abs(model - mean) <= 2.0 * spread * np.sqrt(1.0 / seen.size + 1.0 / found.size)),
     }  # fmt: skip
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return values[np.isfinite(values)] if np.isfinite(values).any() else values
+
+
+def _spread(values: np.ndarray) -> float:
+    """Standard deviation, NaN of a single value and where one is infinite."""
+    return float(values.std(ddof=1)) if values.size > 1 and np.isfinite(values).all() else np.nan
 
 
 def order_of_qoc(table: pd.DataFrame) -> pd.DataFrame:
@@ -106,9 +121,9 @@ def _account(table: pd.DataFrame, order: pd.DataFrame) -> Iterator[str]:
         aim, relative = NUMBERS[number]
         within = f"{aim:.0%}" if relative else f"{100 * aim:g} points"
         errors, missed = each["error"].abs(), each[each["met"] == "no"]
-        yield (f"{middleware:11}{number:10}{len(each) - len(missed):2} of {len(each)} within {within}, and "
-               f"{missed['chance'].sum()} of the others by chance; error: median {errors.median():.1%}, "
-               f"largest {errors.max():.1%}")  # fmt: skip
+        yield (f"{middleware:11}{number:15}{len(each) - len(missed):2} of {len(each)} within {within}, and "
+               f"{int(missed['chance'].astype(bool).sum())} of the others by chance; error: median "
+               f"{errors.median():.1%}, largest {errors.max():.1%}")  # fmt: skip
     for middleware, pairs in order.groupby("middleware", sort=False):
         clear = pairs[pairs["clear"]]
         yield (f"{middleware:11}order of QoC: {clear['agree'].sum()} of {len(clear)} pairs that differ clearly, "

@@ -62,7 +62,7 @@ def _cells(axis: Axes, rows: pd.DataFrame, profiles: list[tuple[str, str]], fact
     colours = np.zeros((len(profiles), len(CHANNELS)))
     for row in rows.itertuples():
         y, x = profiles.index((row.middleware, row.profile)), CHANNELS.index((row.loss, row.bursty))
-        if np.isfinite(row.model):
+        if not np.isnan(row.model):
             met = row.met == "yes" or (row.met not in ("yes", "no") and row.chance)
             colours[y, x] = 1 if met else 2 if row.chance else 3
         axis.text(x, y, _short(factor * row.measured), ha="center", va="center", fontsize=5)
