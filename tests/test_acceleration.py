@@ -104,7 +104,7 @@ def test_batches_and_float32_are_the_single_run() -> None:
     assert (both[0]["auc"] > free["auc"]).all()
 
 
-@pytest.mark.parametrize("mode", ["forward", "reverse"])
+@pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
 def test_gradients(mode: str) -> None:
     scenario, at, step = Scenario(acceleration=SLOW, horizon=1.5, start_jitter=(0.0, 0.0)), np.array([0.1, 2.1]), 1e-6
 

@@ -36,6 +36,7 @@ def chosen() -> tuple[Entry, ...]:
     return tuple((first | {"qocjax": ENTRIES[2]}).values())
 
 
+@pytest.mark.slow
 def test_all_entries_on_the_same_work(tmp_path: Path) -> None:
     table, skipped = measure_all("smallest", chosen())
     modules = set(table["module"])
@@ -84,6 +85,7 @@ def test_a_different_result_is_an_error() -> None:
         check([whole, other], size)
 
 
+@pytest.mark.slow
 def test_growth(tmp_path: Path) -> None:
     table = pd.DataFrame([measure_case(Case(panel, 1, 2, 20), 1) for panel in ("designs", "memory")])
     assert table["best_s"].max() > 0 and table["peak_mib"].max() > table["results_mib"].max() > 0

@@ -276,6 +276,7 @@ def test_chance_is_shared_by_all_deadlines() -> None:
 GRID = one_at_a_time(Design(tau=0.05), {"kappa": [1.0, 2.0]}, [0.15, 0.3]).designs
 
 
+@pytest.mark.slow
 def test_a_study_of_an_edge_that_gives_up() -> None:
     """Chunks are the study in one piece bit for bit, and its runs are those one by one."""
     problem, part = Problem(SCENARIO, GRID, GIVES_UP, Rules(), 3), Part("selection", range(64))

@@ -32,7 +32,10 @@ def test_modes_agree(deadline: float) -> None:
     np.testing.assert_allclose(slopes(designs, mode="reverse"), slopes(designs, mode="forward"), rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize("rules", [Rules(hold="zero"), Rules(hold="decay"), Rules(actuation="instant")])
+@pytest.mark.parametrize(
+    "rules",
+    [pytest.param(Rules(hold="zero"), marks=pytest.mark.slow), Rules(hold="decay"), Rules(actuation="instant")],
+)
 def test_modes_agree_under_other_rules(rules: Rules) -> None:
     designs = Design(deadline=[0.05, 0.07])
     reverse, forward = (slopes(designs, mode=mode, rules=rules) for mode in ("reverse", "forward"))

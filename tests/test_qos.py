@@ -68,6 +68,7 @@ def test_recorded_loops_are_those_of_the_network() -> None:
         recorded.draw(keys[0], 60, 2, 0.1)
 
 
+@pytest.mark.slow
 def test_transport_of_a_study_is_that_of_the_network() -> None:
     """Channels are drawn apart from the delays, and come out as if they were not."""
     net, loss = topics().with_qos(reliability="best_effort"), GilbertElliott(0.05, 0.2)

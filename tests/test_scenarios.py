@@ -149,6 +149,7 @@ def check_arrival(scenario: Scenario, room: str | None) -> None:
     assert clearance > float(np.asarray(scenario.robot_radius)), f"clearance {clearance:.3f} m"
 
 
+@pytest.mark.slow
 def test_the_stack_without_delay_drives_through_the_door(scenarios: dict[str, tuple[Scenario, str | None]]) -> None:
     scenario, room = scenarios["doorway"]
     check_arrival(replace(scenario, horizon=12.0), room)

@@ -359,6 +359,7 @@ STACK = ("scenario=doorway", "controller=navigation", "loop.tau=0.05", "scenario
          "controller.mppi.batch_size=50", "show.robot=2", "show.until=0.5")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_show_sees_what_each_stack_saw(composer: None) -> None:
     shown = run(config(*STACK))
     assert [each.robot for each in shown.views] == [0, 1]

@@ -202,6 +202,7 @@ def test_goal_that_no_path_leads_to_is_reported_and_the_robot_stays() -> None:
     np.testing.assert_array_equal(np.asarray(run.command), 0.0)
 
 
+@pytest.mark.slow
 def test_backs_up_where_every_rollout_collides() -> None:
     # A wall just ahead, so near that the robot is in the closed zone that uncertainty adds to it.
     grid = Grid.covering((-1.0, -1.0), (1.0, 1.0), 0.05)
@@ -255,6 +256,7 @@ def test_study_of_the_stack_chooses_and_judges() -> None:
     assert set(study.results["v_max"]) == {0.3, 0.7} and len(study.results) == 4
 
 
+@pytest.mark.slow
 def test_eight_robots() -> None:
     angle = np.arange(8) * np.pi / 4
     ring = 2 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

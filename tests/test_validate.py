@@ -258,6 +258,7 @@ def test_a_delay_is_injected_by_the_deadline_alone() -> None:
         simulated_curve(SHORT, SLOW, NET, [0.2, 0.2], range(2))
 
 
+@pytest.mark.slow
 def test_a_curve_of_the_stack_shares_its_seeds_with_that_of_the_surrogate(composer: None) -> None:
     small = [f"measured.controller.{name}" for name in
              ("mppi.batch_size=32", "mppi.time_steps=16", "mppi.prune_distance=1", "resolution=0.2")]  # fmt: skip

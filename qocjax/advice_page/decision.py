@@ -14,12 +14,8 @@ _POLICIES = {
     "MinDelay": "yours is shorter: MinDelay, fresh commands but few of them",
     "MaxRel": "yours is longer: MaxRel, waiting for the last loops",
 }
-_LAWS = {"Apf": "the surrogate law", "NavigationStack": "the navigation stack"}
-_OUTAGES = (
-    "OUTAGES    No simulated loss is one. With unicast peers, as on 5G without multicast, Fast DDS and Zenoh are back",
-    "           within 3 s of the end of one; Cyclone DDS up to 30 s later if it outlasts its lease of 10 s, and never",
-    "           after 40 s (docs/middleware.md).",
-)
+_LAWS = {"Apf": "the surrogate law", "Cbf": "the barrier", "NavigationStack": "the navigation stack"}
+_OUTAGES = "OUTAGES    Without multicast (5G) Cyclone DDS may come back 30 s late, or not at all: docs/middleware.md."
 
 
 def decision_lines(advice: Advice) -> list[str]:
@@ -31,7 +27,7 @@ def decision_lines(advice: Advice) -> list[str]:
     lines += [f"  {line}" for line in _assumptions(advice)]
     if advice.judged["gain_low"].iloc[-1] <= 0 and advice.acceptable != "no: collisions":
         lines.append("  CAUTION: these seeds do not show that it is better than what you have.")
-    lines += [f"  {line}" for line in _OUTAGES]
+    lines.append(f"  {_OUTAGES}")
     if text := bounds_text(advice.at_edge):
         lines.append(f"  {text}")
     return lines
