@@ -186,10 +186,6 @@ class ConfirmingPair(Pair):
         self.carried += full
         return full
 
-    def announce(self) -> tuple[int, int]:
-        first, last = super().announce()
-        return min(first, self.written), last
-
     def on_heartbeat(self, now: float, first: int, last: int, alone: bool) -> None:
         if last >= self.last:
             self.first, self.last = max(self.first, first), last

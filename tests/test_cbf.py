@@ -17,9 +17,8 @@ from qocjax.controllers.halfplanes import HalfPlanes, nearest
 from qocjax.unicycle import pose_from
 
 
-def planes(angles: np.ndarray, bounds: np.ndarray, present: np.ndarray | None = None) -> HalfPlanes:
-    there = np.ones(bounds.shape, bool) if present is None else present
-    return HalfPlanes(jnp.cos(angles), jnp.sin(angles), jnp.asarray(bounds), jnp.asarray(there))
+def planes(angles: np.ndarray, bounds: np.ndarray) -> HalfPlanes:
+    return HalfPlanes(jnp.cos(angles), jnp.sin(angles), jnp.asarray(bounds))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
@@ -59,8 +58,6 @@ def test_nearest_point_by_hand() -> None:
         assert bool(found[2])
     squeezed = nearest(jnp.array(0.0), jnp.array(0.0), planes(np.array([right, left]), np.array([1.0, 0.5])))
     assert not bool(squeezed[2])
-    absent = planes(np.array([right, left]), np.array([1.0, 0.5]), np.array([True, False]))
-    np.testing.assert_allclose(nearest(jnp.array(0.0), jnp.array(0.0), absent)[:2], [1.0, 0.0], atol=1e-12)
 
 
 def plain(poses: np.ndarray, ages: np.ndarray, goal: np.ndarray, design: Design, alpha: float) -> list[list[float]]:

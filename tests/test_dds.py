@@ -151,7 +151,7 @@ def test_profiles_of_middlewares_are_those_of_the_configuration() -> None:
     values: dict[str, Any] = {}
     for name, middleware in (("reliable", "cyclonedds"), ("reliable_fastdds", "fastdds")):
         values |= yaml.safe_load((conf_dir() / "profile" / f"{name}.yaml").read_text(encoding="utf-8"))
-        values = {key: math.inf if value == ".inf" else value for key, value in values.items() if key != "defaults"}
+        values.pop("defaults", None)
         expected = TIMERS[middleware] | {"lifespan_from": "source"}  # the model's choice
         assert Profile(**values) == Profile(reader_depth=10, **expected)
 

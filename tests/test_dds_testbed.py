@@ -17,12 +17,12 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from driving import drive
 from scipy import stats
 
 from experiments.dds_testbed.cases import HORIZON, PROFILES, Case, cases_of
 from experiments.dds_testbed.compare import compare, order_of_qoc
 from experiments.dds_testbed.config import read_config, written_config
-from experiments.dds_testbed.dynamics import Robots
 from experiments.dds_testbed.gain import gains
 from experiments.dds_testbed.law import law_of
 from experiments.dds_testbed.link import EDGE, ROBOT, Port
@@ -163,21 +163,10 @@ def test_robots_move_as_in_the_simulator(actuation: str, hold: str) -> None:
     times = np.array(network(IndependentLoss(0.2), ShiftedGamma(0.02, 2.0, 0.02)).draw(
         jax.random.key(3), plan.num_ticks, 2, TAU
     ))  # fmt: skip
-    robots, law, poses, coming = Robots(plan), law_of(plan, config.build_controller()), [], []
-    for tick in range(plan.num_ticks):
-        for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
-            robots.command(*each)
-        coming = [each for each in coming if each[0] > tick * plan.tau]
-        robots.advance(tick * plan.tau)
-        poses.append(robots.poses())
-        state = State(tick, 0, poses[-1].ravel().tolist(), robots.ages())
-        for robot in np.flatnonzero(np.isfinite(times[tick])):
-            arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
-            coming.append((arrived, int(robot), tick, law(robot, state)))
-    robots.advance(round(plan.horizon * 1e9))
+    driven = drive(plan, law_of(plan, config.build_controller()), times)
     run = simulate(scenario, plan.as_design(), times, actuation, hold)
-    np.testing.assert_allclose(poses, run.pose[:-1], atol=1e-6)
-    np.testing.assert_allclose(auc_of(scenario, plan, robots.record()), run.auc, rtol=1e-5)
+    np.testing.assert_allclose(driven.poses, run.pose[:-1], atol=1e-6)
+    np.testing.assert_allclose(auc_of(scenario, plan, driven.robots.record()), run.auc, rtol=1e-5)
     scale = ideal_scale(scenario, plan, config.build_controller())
     assert scale.median < float(np.mean(run.auc)) < scale.largest
 
@@ -193,17 +182,7 @@ def test_the_stack_drives_as_in_the_simulator(tmp_path: Path) -> None:
     assert written_config(tmp_path) == config
     rng = np.random.default_rng(1)
     times = rng.uniform(0.02, 0.2, (plan.num_ticks, 2))
-    robots, law, poses, coming = Robots(plan), law_of(plan, stack, key=5), [], []
-    for tick in range(plan.num_ticks):
-        for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
-            robots.command(*each)
-        coming = [each for each in coming if each[0] > tick * plan.tau]
-        robots.advance(tick * plan.tau)
-        poses.append(robots.poses())
-        for robot in (0, 1):
-            state = State(tick, 0, poses[-1].ravel().tolist(), robots.ages(), robots.speeds()[robot])
-            arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
-            coming.append((arrived, robot, tick, law(robot, state)))
+    poses = drive(plan, law_of(plan, stack, key=5), times).poses
     run = simulate(scenario, plan.as_design(), times, **plan.rules, controller=stack, key=jax.random.key(5))
     np.testing.assert_allclose(poses[:8], run.pose[:8], atol=1e-6)
     np.testing.assert_allclose(poses, run.pose[:-1], atol=0.05)  # a rollout that just collides or not is another one

@@ -14,12 +14,12 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from driving import drive
 
 from experiments import paper_experiment
 from experiments.dds_testbed.bag import record
 from experiments.dds_testbed.config import read_config
 from experiments.dds_testbed.crossing import Crossed, ReceivedBy, past_the_radio
-from experiments.dds_testbed.dynamics import Robots
 from experiments.dds_testbed.law import law_of
 from experiments.dds_testbed.link import EDGE, ROBOT, tap_usable
 from experiments.dds_testbed.messages import Command, State
@@ -167,32 +167,23 @@ def test_options_of_a_middleware_are_checked(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.fixture
 def driven(tmp_path: Path) -> tuple[object, object, int]:
-    return drive(tmp_path, ["scenario.horizon=4.0", f"deadline_ms={DEADLINE * 1e3:g}"])
+    return recorded(tmp_path, ["scenario.horizon=4.0", f"deadline_ms={DEADLINE * 1e3:g}"])
 
 
-def drive(folder: Path, options: list[str]) -> tuple[object, object, int]:
+def recorded(folder: Path, options: list[str]) -> tuple[object, object, int]:
     """A run without a middleware: plan, what the robots received, start. Loops take their time and are lost."""
     config = read_config([*options, "loop.actuation=deadline"])
     plan, start = config.build_plan(False, folder), 77_000_000_000
     times = np.array(paper_network().draw(jax.random.key(3), plan.num_ticks, 2, plan.design["tau"]))
     times[50:60] = np.inf
-    robots, law, coming, rows, speeds = Robots(plan), law_of(plan, config.build_controller()), [], [], []
-    stamps = np.zeros((2, plan.num_ticks + sum(plan.padding), 2), np.int64)
-    for tick in range(plan.num_ticks):
-        for each in sorted(each for each in coming if each[0] <= tick * plan.tau):
-            robots.command(*each)
-            rows.append((each[1], each[2], start + each[0]))
-            speeds.append(each[3])
-        coming = [each for each in coming if each[0] > tick * plan.tau]
-        robots.advance(tick * plan.tau)
-        stamps[0, tick + plan.padding[0]] = start + tick * plan.tau + 1000
-        state = State(tick, 0, robots.poses().ravel().tolist(), robots.ages())
-        for robot in np.flatnonzero(np.isfinite(times[tick])):
-            arrived = tick * plan.tau + round(times[tick, robot] * 1e9)
-            coming.append((arrived, int(robot), tick, law(robot, state)))
-    robots.advance(round(plan.horizon * 1e9))
-    np.savez(folder / "robot.npz", stamps=stamps, **robots.record())
-    return plan, ReceivedBy(np.array(rows), np.array(speeds), np.zeros(len(rows), "V1")), start
+    run = drive(plan, law_of(plan, config.build_controller()), times)
+    stamps, first = np.zeros((2, plan.num_ticks + sum(plan.padding), 2), np.int64), plan.padding[0]
+    instants = start + np.arange(plan.num_ticks)[:, None] * plan.tau
+    stamps[0, first : first + plan.num_ticks] = instants + 1000
+    np.savez(folder / "robot.npz", stamps=stamps, **run.robots.record())
+    rows = np.array([(robot, k, start + time) for time, robot, k, _ in run.received])
+    speeds = np.array([speeds for *_, speeds in run.received])
+    return plan, ReceivedBy(rows, speeds, np.zeros(len(rows), "V1")), start
 
 
 def test_messages_are_counted_by_their_numbers(driven: tuple, tmp_path: Path) -> None:
@@ -294,7 +285,7 @@ def test_paper_experiment_with_robots_that_are_the_simulator_s(tmp_path: Path) -
     for delay in delays:
         place = tmp_path / "runs" / f"delay_{delay}" / "0"
         place.mkdir(parents=True)
-        plan, received, start = drive(place, [*options, "loop.tau=0.05", f"deadline_ms={delay}"])
+        plan, received, start = recorded(place, [*options, "loop.tau=0.05", f"deadline_ms={delay}"])
         record(place / "bag", plan, received, start)
         (place / "record.json").write_text(json.dumps({"rejected": []}), encoding="utf-8")
         rows = received.rows[received.rows[:, 0] == 0]

@@ -20,7 +20,8 @@ import pandas as pd
 
 from experiments.dds_testbed.cases import CHANNELS, PROFILES, ROOT, Case
 from experiments.dds_testbed.config import read_config
-from qocjax import QocScale, simulate
+from experiments.dds_testbed.plan import Plan
+from qocjax import QocScale, Scenario, simulate
 from qocjax.quality import qoc
 from qocjax.study.statistics import paired
 
@@ -41,10 +42,8 @@ def _loop_times(case: Case, folder: Path) -> dict[int, np.ndarray]:
     return found
 
 
-def _auc(case: Case, times: np.ndarray, chosen: dict[str, str]) -> np.ndarray:
+def _auc(scenario: Scenario, plan: Plan, times: np.ndarray, chosen: dict[str, str]) -> np.ndarray:
     """AUC [D, R, N] s of runs [R, P, N] at each deadline."""
-    config = read_config(case.options())
-    scenario, plan = config.build_scenario(), config.build_plan(False, Path())
     rules = plan.rules | chosen
 
     def one(deadline: jax.Array, loops: jax.Array) -> jax.Array:
@@ -70,11 +69,15 @@ def gains(folder: Path) -> Iterator[dict[str, object]]:
                 both = sorted(plain.keys() & repaired.keys())
                 if len(both) > 1:
                     pair = [np.stack([runs[k] for k in both]) for runs in (plain, repaired)]
-                    yield from (vars(case) | rules | _row(case, pair, rules) for rules in RULES)
+                    config = read_config(case.options())
+                    scenario, plan = config.build_scenario(), config.build_plan(False, Path())
+                    for rules in RULES:
+                        auc = np.stack([_auc(scenario, plan, times, rules) for times in pair])
+                        yield vars(case) | rules | _row(auc)
 
 
-def _row(case: Case, pair: list[np.ndarray], rules: dict[str, str]) -> dict[str, float]:
-    auc = np.stack([_auc(case, times, rules) for times in pair])  # [2, D, R, N]
+def _row(auc: np.ndarray) -> dict[str, float]:
+    """Gains from the AUC [2, D, R, N] s without repairs and with them."""
     score = np.asarray(qoc(auc, QocScale.of(auc.ravel()))).mean(axis=-1)
     at = [int(np.argmax(each[1] / each[0])) for each in _of_the_others(score)]
     row = {"deadline": float(np.median(DEADLINES[at]))} | _judged(score, [(k, k) for k in at], "")

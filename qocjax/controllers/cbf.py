@@ -68,10 +68,10 @@ class Cbf:
     def command(self, task: Task, memory: Array, sight: Sight) -> tuple[Array, Command, tuple[()]]:
         """The law at one sampling instant."""
         pose, design, goal = sight.pose, task.design, task.goal
-        away_x, away_y = ((goal[k] - at) * design.kappa for k, at in enumerate((pose.x, pose.y)))
-        fast = jnp.maximum(jnp.hypot(away_x, away_y) / design.v_max, 1.0)
+        wanted_x, wanted_y = ((goal[k] - at) * design.kappa for k, at in enumerate((pose.x, pose.y)))
+        over = jnp.maximum(jnp.hypot(wanted_x, wanted_y) / design.v_max, 1.0)
         planes = _barriers(pose, sight.age, design, self.alpha)
-        v_x, v_y, admissible = nearest(away_x / fast, away_y / fast, planes)
+        v_x, v_y, admissible = nearest(wanted_x / over, wanted_y / over, planes)
         return memory + ~admissible, steer(v_x, v_y, pose, design, task.math), ()
 
     def report(self, memory: Array) -> dict[str, Array]:
@@ -96,4 +96,4 @@ def _barriers(pose: Pose, age: Array, design: Design, alpha: float) -> HalfPlane
     sign = jnp.asarray(np.where(others > np.arange(robots), -1.0, 1.0), distance.dtype)
     sign = jnp.broadcast_to(sign.reshape(*others.shape, *(1,) * (distance.ndim - 2)), distance.shape)
     n_x, n_y = jnp.where(on_top, sign, apart_x / distance), jnp.where(on_top, 0.0, apart_y / distance)
-    return HalfPlanes(n_x, n_y, -0.5 * alpha * barrier, jnp.ones_like(on_top))
+    return HalfPlanes(n_x, n_y, -0.5 * alpha * barrier)

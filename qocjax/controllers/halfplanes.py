@@ -20,8 +20,7 @@ class HalfPlanes(NamedTuple):
 
     x: Array  # [M, *B] of n
     y: Array  # [M, *B]
-    bound: Array  # [M, *B] b, finite
-    present: Array  # [M, *B] whether it counts
+    bound: Array  # [M, *B] b
 
 
 def nearest(x: Array, y: Array, planes: HalfPlanes) -> tuple[Array, Array, Array]:
@@ -41,9 +40,8 @@ def nearest(x: Array, y: Array, planes: HalfPlanes) -> tuple[Array, Array, Array
     """
     at_x, at_y, real = (jnp.stack(each) for each in zip(*_candidates(x, y, planes), strict=True))
     violation = jnp.full_like(at_x, -jnp.inf)
-    for n_x, n_y, bound, present in zip(*(each[:, None] for each in planes), strict=True):
-        below = bound - n_x * at_x - n_y * at_y
-        violation = jnp.maximum(violation, jnp.where(present, below, -jnp.inf))
+    for n_x, n_y, bound in zip(*(each[:, None] for each in planes), strict=True):
+        violation = jnp.maximum(violation, bound - n_x * at_x - n_y * at_y)
     slack = _SLACK[str(x.dtype)] * (1.0 + jnp.abs(x) + jnp.abs(y) + jnp.abs(planes.bound).max(axis=0, initial=0.0))
     distance = jnp.square(at_x - x[None]) + jnp.square(at_y - y[None])
     distance = jnp.where(real & (violation <= slack[None]), distance, jnp.inf)
@@ -55,15 +53,16 @@ def nearest(x: Array, y: Array, planes: HalfPlanes) -> tuple[Array, Array, Array
 
 
 def _candidates(x: Array, y: Array, planes: HalfPlanes) -> Iterator[tuple[Array, Array, Array]]:
-    """Where the solution can be, and whether that is there at all."""
-    yield x, y, jnp.ones_like(x, bool)
-    for n_x, n_y, bound, present in zip(*planes, strict=True):
+    """Where the solution can be, and whether that is there at all: parallel borders have no corner."""
+    there = jnp.ones_like(x, bool)
+    yield x, y, there
+    for n_x, n_y, bound in zip(*planes, strict=True):
         missing = bound - n_x * x - n_y * y
-        yield x + missing * n_x, y + missing * n_y, present
+        yield x + missing * n_x, y + missing * n_y, there
     for one, other in combinations(zip(*planes, strict=True), 2):
         sine = one[0] * other[1] - other[0] * one[1]
         crossing = jnp.abs(sine) >= _PARALLEL
         sine = jnp.where(crossing, sine, 1.0)
         corner_x = (one[2] * other[1] - other[2] * one[1]) / sine
         corner_y = (other[2] * one[0] - one[2] * other[0]) / sine
-        yield corner_x, corner_y, crossing & one[3] & other[3]
+        yield corner_x, corner_y, crossing

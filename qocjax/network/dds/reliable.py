@@ -22,7 +22,7 @@ fragments of samples.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -70,6 +70,10 @@ class _Writer:
         zero = jnp.zeros((), jnp.int32)
         never = jnp.full((_IN_FLIGHT,), jnp.inf, write.dtype)
         return cls(never, jnp.zeros((_IN_FLIGHT,), jnp.int32), zero, jnp.zeros(write.shape, bool))
+
+    def acknowledged(self, now: Array) -> Array:
+        """The first sample that no ACKNACK has acknowledged by a time (s)."""
+        return jnp.maximum(self.low, jnp.max(jnp.where(self.arrives <= now, self.base, 0)))
 
 
 def repair(
@@ -143,7 +147,7 @@ def _with_acknowledgements(
     writer = _told(writer, asked, count, reader.count > count, now)
     carries = written & jnp.isfinite(now) & _full(world, profile, writer, now, last)
     known = jnp.where(written, carries, writer.carries[last])
-    writer = _Writer(writer.arrives, writer.base, writer.low, writer.carries.at[last].set(known))
+    writer = replace(writer, carries=writer.carries.at[last].set(known))
     heard = jnp.where(~written & (alone | known), now, jnp.inf)
     reader, _ = hear(profile, reader, heard, first, last)
     carrying = jnp.where(carries, now, jnp.inf)
@@ -154,11 +158,10 @@ def _with_acknowledgements(
 
 def _told(writer: _Writer, asked: Asked, count: Array, sent: Array, now: Array) -> _Writer:
     """Takes down an ACKNACK that is sent, in the place of the oldest."""
-    low = jnp.maximum(writer.low, jnp.max(jnp.where(writer.arrives <= now, writer.base, 0)))
     place = count % _IN_FLIGHT
     arrives = writer.arrives.at[place].set(jnp.where(sent, asked.arrives, writer.arrives[place]))
     base = writer.base.at[place].set(jnp.where(sent, asked.base, writer.base[place]))
-    return _Writer(arrives, base, low, writer.carries)
+    return _Writer(arrives, base, writer.acknowledged(now), writer.carries)
 
 
 def _full(world: World, profile: Profile, writer: _Writer, now: Array, number: Array) -> Array:
@@ -166,5 +169,4 @@ def _full(world: World, profile: Profile, writer: _Writer, now: Array, number: A
     if profile.depth is None:
         return jnp.zeros((), bool)
     oldest = number - profile.depth + 1
-    low = jnp.maximum(writer.low, jnp.max(jnp.where(writer.arrives <= now, writer.base, 0)))
-    return (oldest >= low) & (world.gone[jnp.maximum(oldest, 0)] > now)
+    return (oldest >= writer.acknowledged(now)) & (world.gone[jnp.maximum(oldest, 0)] > now)
