@@ -16,6 +16,11 @@ def is_concrete(value: Any) -> bool:
     return not isinstance(value, jax.core.Tracer)
 
 
+def is_zero(value: Any) -> bool:
+    """Whether a number is known to be 0."""
+    return is_concrete(value) and bool(value == 0)
+
+
 def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) -> Any:
     """Checks that a value holds finite real numbers, and its shape where one is given.
 

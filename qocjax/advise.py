@@ -6,7 +6,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +97,7 @@ def advice_values(advice: Advice) -> dict:
         "seeds": advice.seeds, "simulations": advice.simulations,
     }  # fmt: skip
     for name in ("recommended", "by_mean", "current"):
-        found[name] = {key: value for key, value in asdict(found[name]).items() if key not in advice.unread}
+        found[name] = {key: value for key, value in found[name].values().items() if key not in advice.unread}
     return plain(found)
 
 

@@ -227,5 +227,5 @@ def _per_robot(goal: Array, start: Array) -> Array:
 
 
 def _batch_shape(start: Array, loop_times: Array, design: Design) -> tuple[int, ...]:
-    leaves = (getattr(design, name) for name in CONTINUOUS)
+    leaves = (*(getattr(design, name) for name in CONTINUOUS), *design.others.values())
     return jnp.broadcast_shapes(start[:, 0].shape, loop_times.shape[1:], *(jnp.shape(leaf) for leaf in leaves))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from qocjax.config.codesign import CodesignConfig
 from qocjax.config.scale import yardstick
 from qocjax.figures.codesign import draw_codesign
 from qocjax.quality import QocScale
-from qocjax.scenario import Design
+from qocjax.scenario import DESIGN, Design
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.capacity import at_once_text
 from qocjax.study.edges import bounds_text
@@ -79,7 +79,7 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
         front = workers = None
         if config.front is not None:
             seeds = range(FIRST["judge"], FIRST["judge"] + judge_seeds)
-            also = Design(**{item.name: contest.finals[item.name].to_numpy(float) for item in fields(Design)})
+            also = Design.of({name: contest.finals[name].to_numpy(float) for name in problem.space.baseline.names})
             options: dict[str, Any] = {"method": config.front.method, "budget": config.front.budget, "key": config.key}
             front = demand_front(problem, seeds=seeds, also=also, against=config.front.against, **options)
             if config.front.workers:
@@ -146,9 +146,8 @@ def summary(found: Codesign, measure: str = "mean", limit: float | None = None) 
     shown = rows["within_limit"].astype(bool)
     table["collisions [95 %]"] += np.where(shown, "", " !")
     lines = [table.to_string(index=False), *([] if shown.all() else ["! not shown to keep the limits"]), ""]
-    design = ", ".join(
-        f"{item.name} = {best[item.name]:.4g} {printed_unit(item.name)}".strip() for item in fields(Design)
-    )
+    names = [name for name in best.index if name in DESIGN or "." in str(name)]
+    design = ", ".join(f"{name} = {best[name]:.4g} {printed_unit(name)}".strip() for name in names)
     if not best["kept_at_choice"]:
         lines.append(f"Infeasible: no design that was met keeps the limits. The least violated one breaks them by "
                      f"{best['excess_at_choice']:.3g} (relative excess, summed): {design}")  # fmt: skip
@@ -224,7 +223,7 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
     write_config(folder, config.model_dump())
     best = contest.chosen
     record = {
-        "chosen": {item.name: float(best[item.name]) for item in fields(Design)},
+        "chosen": {name: float(best[name]) for name in problem.space.baseline.names},
         "method": best["method"],
         "kept_limits_at_choice": bool(best["kept_at_choice"]),
         "kept_limits_on_fresh_seeds": bool(best["feasible"]),

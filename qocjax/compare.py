@@ -21,6 +21,7 @@ from qocjax.report import write_comparison_report
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study import open_study
 from qocjax.study.comparison import Comparison, compare
+from qocjax.study.grid import value_words
 from qocjax.study.scales import scale_text
 from qocjax.sweep_page import collisions_text
 
@@ -70,7 +71,7 @@ def comparison_text(table: pd.DataFrame) -> str:
             "sweep": table["sweep"],
             "policy": table["policy"],
             "study": table["study"],
-            "value": table["value"].map("{:g}".format),
+            "value": [value_words(row) for row in table.to_dict("records")],
             "Δ (ms)": (table["deadline"] * 1e3).map("{:g}".format),
             "QoC ± SE (J_med's)": [f"{r.qoc:.4f} ± {r.qoc_se:.4f} ({r.qoc_whole_se:.4f})" for r in table.itertuples()],
             f"difference to {first} [95 %]": [_difference(row) for row in table.to_dict("records")],

@@ -25,7 +25,7 @@ from qocjax.report.fleet import write_fleet_report
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.store.study_folder import RECORD, study_folder
 from qocjax.study.capacity import overload_texts
-from qocjax.study.chunks import Engine, Problem
+from qocjax.study.chunks import Engine
 from qocjax.study.engine import LocalEngine
 from qocjax.study.fleet import Asked, Point, point_of
 from qocjax.study.fleet.tables import (
@@ -37,6 +37,7 @@ from qocjax.study.fleet.tables import (
     points_table,
     steps_table,
 )
+from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of, share_text
 from qocjax.study.scales import scale_text
 from qocjax.study.sweep import Study, study_of

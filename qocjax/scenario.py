@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -13,11 +13,12 @@ from jax.typing import ArrayLike
 from qocjax import _checks
 from qocjax.acceleration import Acceleration
 
-__all__ = ["CONTINUOUS", "NORMALISERS", "REFERENCES", "Design", "Scenario", "num_ticks"]
+__all__ = ["CONTINUOUS", "DESIGN", "NORMALISERS", "REFERENCES", "Design", "Scenario", "num_ticks"]
 
 REFERENCES = ("nominal", "follow", "uncapped")
 NORMALISERS = ("initial_disagreement", "goal_distance")
 CONTINUOUS = ("v_max", "omega_max", "eta", "kappa", "gamma", "c_miss", "d_safe")
+DESIGN = (*CONTINUOUS, "tau", "deadline")  # the model's values of a design, in the order of its fields
 
 # Comparisons of times allow this much rounding, relative to one sampling period or to the deadline.
 TIME_TOLERANCE = 1e-6
@@ -143,6 +144,8 @@ class Design:
         d_safe: Nominal safety distance (m).
         tau: Sampling period of the loop (s).
         deadline: Loop-completion deadline Delta (s).
+        others: Values of what else robot, controller, loop or network declare or configure, by name in the
+            configuration, such as `controller.mppi.temperature`; see `qocjax.tunables`.
     """
 
     v_max: ArrayLike = 0.7
@@ -154,13 +157,43 @@ class Design:
     d_safe: ArrayLike = 0.5
     tau: ArrayLike = 0.01
     deadline: ArrayLike = 0.3
+    others: Mapping[str, ArrayLike] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            positive = item.name in ("tau", "d_safe", "v_max", "omega_max")
+        for name in DESIGN:
+            positive = name in ("tau", "d_safe", "v_max", "omega_max")
             limit: dict[str, Any] = {"above": 0} if positive else {"least": 0}
-            object.__setattr__(self, item.name, _checks.bounded(item.name, value, **limit))
+            object.__setattr__(self, name, _checks.bounded(name, getattr(self, name), **limit))
+        kept = {name: _checks.numbers(name, value) for name, value in dict(self.others).items()}
+        for name in kept:
+            if name in DESIGN or not isinstance(name, str):
+                raise ValueError(f"others: got {name!r}, expected a name beside {', '.join(DESIGN)}")
+        object.__setattr__(self, "others", kept)
+
+    @classmethod
+    def of(cls, values: Mapping[str, ArrayLike]) -> Design:
+        """The design of values by name, `others` among them."""
+        own = {name: value for name, value in values.items() if name in DESIGN}
+        return cls(**own, others={name: value for name, value in values.items() if name not in DESIGN})
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all its values."""
+        return (*DESIGN, *self.others)
+
+    def values(self) -> dict[str, Any]:
+        """All its values by name, those of `others` last."""
+        return {name: getattr(self, name) for name in DESIGN} | dict(self.others)
+
+    def having(self, values: Mapping[str, Any]) -> Design:
+        """The design with some values, by name, in place of its own."""
+        return Design.of(self.values() | dict(values))
+
+    def at(self, places: Any) -> Design:
+        """Some of the designs [G]."""
+        own = self.values()
+        shape = np.broadcast_shapes(*(np.shape(value) for value in own.values()))
+        return Design.of({name: np.broadcast_to(value, shape)[places] for name, value in own.items()})
 
 
 def check_tau(scenario: Scenario, tau: ArrayLike) -> None:

@@ -21,7 +21,8 @@ from qocjax.controllers import Apf, Controller
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
-from qocjax.scenario import CONTINUOUS, Design, Scenario, check_tau, num_ticks
+from qocjax.scenario import Design, Scenario, check_tau, num_ticks
+from qocjax.tunables import check_others
 
 __all__ = ["Run", "check_start", "simulate"]
 
@@ -116,12 +117,13 @@ def simulate(
     for argument, value, kind in (("scenario", scenario, Scenario), ("design", design, Design)):
         if not isinstance(value, kind):
             raise TypeError(f"{argument}: got {type(value).__name__}, expected a {kind.__name__}")
-    for name in (*CONTINUOUS, "tau", "deadline"):
-        if np.ndim(getattr(design, name)) != 0:
-            raise ValueError(f"{name}: got shape {np.shape(getattr(design, name))}, expected one number")
+    for name, value in design.values().items():
+        if np.ndim(value) != 0:
+            raise ValueError(f"{name}: got shape {np.shape(value)}, expected one number")
     times = _checked_loop_times(scenario, design, loop_times)
     check_start(scenario, scenario.start)
     controller = controller or Apf()
+    check_others(controller.tunables, design.others)
     controller.check(scenario, design, actuation)
     mid_tick, slots = _timing(design, times.shape[0], rules)
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import fields
 from pathlib import Path
 
 import jax
@@ -22,7 +21,7 @@ from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
 from qocjax.navigation import StaticMap
 from qocjax.report import study_page, write_study_report
-from qocjax.scenario import Design, num_ticks
+from qocjax.scenario import Design
 from qocjax.simulate import Run
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.store.files import digest_of
@@ -31,9 +30,11 @@ from qocjax.store.study_folder import RECORD, ChunkFolder, read_record, study_fo
 from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
 from qocjax.study.capacity import at_once_text, overload_texts, usual_load
-from qocjax.study.chunks import Problem
+from qocjax.study.chosen import design_at, place_of
+from qocjax.study.chunks import steps_of
 from qocjax.study.grid import Grid
 from qocjax.study.hanging import hanging_of
+from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
@@ -90,19 +91,17 @@ def run(
 
 
 def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder: Path) -> None:
-    rules, controller = problem.rules, problem.controller
-    runs = policy_runs(study, problem.scenario, problem.network, rules=rules, key=problem.key, controller=controller)
-    page = study_page(folder.resolve().name, study, problem, runs, room)
+    page = study_page(folder.resolve().name, study, problem, policy_runs(study, problem), room)
     write_study_report(folder / "report.html", page)
 
 
 def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFolder | None, quiet: bool) -> Study:
     selection, evaluation = config.seeds()
-    for text in overload_texts(problem.network, load_of(problem.scenario, config.loop.tau), float(grid.deadline.max())):
+    loads = [(setup.network, load_of(setup.scenario, config.loop.tau)) for _, setup in problem.groups(problem.designs)]
+    for text in dict.fromkeys(t for each in loads for t in overload_texts(*each, float(grid.deadline.max()))):
         _note(text)
-    ticks = sum(num_ticks(problem.scenario.horizon, tau) for tau in np.asarray(problem.designs.tau))
     bar = tqdm(
-        total=ticks * len(selection) * problem.scenario.num_robots,
+        total=int(steps_of(problem, problem.designs).sum()) * len(selection),
         desc="simulating", unit=" robot-steps", unit_scale=True, file=sys.stderr, disable=True if quiet else None,
     )  # fmt: skip
     with bar, config.engine.open(_note) as engine:
@@ -126,12 +125,13 @@ def hanging_text(study: Study, config: StudyConfig) -> str:
 def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
     """The baseline, at the deadline of its best QoC, on the selection seed whose AUC there is the median."""
     row = _baseline_row(study.results, config.baseline())
-    design = Design(**{item.name: float(study.results.loc[row, item.name]) for item in fields(Design)})
-    runs = study.runs.isel(design=_design_at(study, design))
+    design = design_at(study.results.loc[row])
+    runs = study.runs.isel(design=place_of(study.runs, design))
     auc = runs["auc"].mean("robot").values
     seed = int(runs["seed"].values[np.argsort(auc)[len(auc) // 2]])
-    rules, controller = problem.rules, problem.controller
-    return replay(problem.scenario, design, problem.network, seed, rules=rules, key=problem.key, controller=controller)
+    setup = problem.setup_of(design)
+    return replay(setup.scenario, problem.numbers(design), setup.network, seed, rules=setup.rules, key=problem.key,
+                  controller=setup.controller)  # fmt: skip
 
 
 def _baseline_row(results: pd.DataFrame, baseline: Design) -> int:
@@ -140,15 +140,10 @@ def _baseline_row(results: pd.DataFrame, baseline: Design) -> int:
     What diverged or failed is left out.
     """
     results = results[results["diverged_share"] == 0]
-    names = [item.name for item in fields(Design) if item.name != "deadline"]
-    held = np.all([np.isclose(results[name], getattr(baseline, name)) for name in names], axis=0)
+    own = {name: value for name, value in baseline.values().items() if name != "deadline"}
+    held = np.all([np.isclose(results[name], value) for name, value in own.items()], axis=0)
     rows = results[held] if held.any() else results
     return int(rows["qoc"].idxmax())
-
-
-def _design_at(study: Study, design: Design) -> int:
-    same = [np.isclose(study.runs[item.name].values, getattr(design, item.name)) for item in fields(Design)]
-    return int(np.flatnonzero(np.all(same, axis=0))[0])
 
 
 def _write_tables(study: Study, folder: Path) -> dict[str, str]:

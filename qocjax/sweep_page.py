@@ -12,6 +12,7 @@ from qocjax.network import Network
 from qocjax.study import Study
 from qocjax.study.choosing import least_seeds, moved_by_limit
 from qocjax.study.edges import edges_text
+from qocjax.study.grid import value_words
 from qocjax.study.reliability import share_text
 from qocjax.study.scales import scale_text
 from qocjax.study.ties import tie_lines
@@ -45,12 +46,13 @@ def policy_text(policies: pd.DataFrame) -> str:
     """The policies' table for a terminal; choices at an end of what was tried have a star."""
     deadline = policies["at_edge"].str.endswith("deadline")
     value = policies["at_edge"].str.contains(",") | (policies["at_edge"].ne("") & ~deadline)
+    words = pd.Series([value_words(row) for row in policies.to_dict("records")], policies.index)
     stars = [each.map({True: "*", False: " "}) for each in (value, deadline)]
     table = pd.DataFrame(
         {
             "sweep": policies["sweep"],
             "policy": policies["policy"],
-            "value": policies["value"].map("{:g}".format) + stars[0],
+            "value": words + stars[0],
             "Δ (ms)": (policies["deadline"] * 1e3).map("{:g}".format) + stars[1],
             "F(Δ)": [*map(share_text, policies["reliability"], policies["reliability_se"])],
             "QoC ± SE (J_med's)": [
@@ -97,10 +99,11 @@ def limit_lines(policies: pd.DataFrame, limit: float | None) -> list[str]:
         if seeds < (least := least_seeds(limit)):
             lines.append(f"  {seeds} fresh seeds cannot show it, even {least} without a collision just can "
                          "(sweep.evaluation_seeds).")  # fmt: skip
-    for row in moved_by_limit(policies).itertuples():
-        lines.append(f"  Without the limit {row.policy} takes {row.sweep} = {row.unconstrained_value:g} at "
-                     f"{1e3 * row.unconstrained_deadline:g} ms: QoC {row.unconstrained_qoc:.4f}, "
-                     f"{row.unconstrained_collision_share:.0%} of the runs collide.")  # fmt: skip
+    for row in moved_by_limit(policies).to_dict("records"):
+        free = {name.removeprefix("unconstrained_"): each for name, each in row.items() if "unconstrained_" in name}
+        lines.append(f"  Without the limit {row['policy']} takes {row['sweep']} = {value_words(row | free)} at "
+                     f"{1e3 * free['deadline']:g} ms: QoC {free['qoc']:.4f}, "
+                     f"{free['collision_share']:.0%} of the runs collide.")  # fmt: skip
     return lines
 
 
@@ -113,7 +116,8 @@ def diverged_text(results: pd.DataFrame) -> str:
     """What diverged, a line for each value of a sweep; nothing where nothing did."""
     rows = results[results["diverged_share"] > 0]
     lines = [
-        f"  {sweep} = {value:g}: {len(part)} deadlines, in up to {part['diverged_share'].max():.1%} of the runs"
-        for (sweep, value), part in rows.groupby(["sweep", "value"], sort=False)
+        f"  {sweep} = {value_words(part.iloc[0])}: {len(part)} deadlines, in up to {part['diverged_share'].max():.1%} "
+        "of the runs"
+        for (sweep, _), part in rows.groupby(["sweep", "value"], sort=False)
     ]
     return "\n".join(["Designs that diverged in some run, and are not chosen:", *lines]) if lines else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +80,7 @@ def landscape(tuning: Tuning, deadlines: np.ndarray, side: int, seeds: range) ->
             for low, high in (ends["kappa"], ends["gamma"])]  # fmt: skip
     kappa, gamma, deadline = (a.ravel() for a in np.meshgrid(*axes, deadlines, indexing="ij"))
     points = {name: float(tuning.chosen[name]) for name in bounds.names} | {"kappa": kappa, "gamma": gamma}
-    scores = problem.objective.scores(replace(problem.baseline, **points, deadline=deadline), seeds)
+    scores = problem.objective.scores(problem.baseline.having(points | {"deadline": deadline}), seeds)
     return pd.DataFrame({"deadline": deadline, "kappa": kappa, "gamma": gamma, "qoc": scores.mean(axis=1)})
 
 

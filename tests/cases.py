@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -35,7 +35,7 @@ class Case:
         """The run by the slow loop."""
         s = self.scenario
         return slow_loop.run(
-            s.start, s.goal, s.horizon, asdict(self.design), self.loop_times, actuation=actuation, hold=hold,
+            s.start, s.goal, s.horizon, self.design.values(), self.loop_times, actuation=actuation, hold=hold,
             reference=s.reference, reference_kappa=s.nominal_kappa, reference_v_max=s.nominal_v_max,
             reference_per_robot=s.reference_per_robot, weights=tuple(s.weights),
             normaliser={"initial_disagreement": "start"}.get(s.normaliser, s.normaliser),

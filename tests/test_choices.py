@@ -17,8 +17,8 @@ from qocjax import Design, Rules, Scenario, kth_5g_network, one_at_a_time, paper
 from qocjax.network import Edge, with_edge
 from qocjax.report import study_page, write_study_report
 from qocjax.report.html import escape
-from qocjax.study.chunks import Problem
 from qocjax.study.hanging import departures, hanging_of
+from qocjax.study.problem import Problem
 from qocjax.study.sweep import study_of
 
 GRID = one_at_a_time(Design(), {"v_max": [0.4, 0.7], "kappa": [1.0, 2.0]}, [0.1, 0.8])

@@ -29,8 +29,9 @@ from qocjax.cluster.worker import run_chunk, settings_here
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.engine import DaskConfig
 from qocjax.config.study import data_of
-from qocjax.study.chunks import Chunk, Failure, Part, Problem, Result, plan
+from qocjax.study.chunks import Chunk, Failure, Part, Result, plan
 from qocjax.study.engine import LocalEngine
+from qocjax.study.problem import Problem
 
 ROOT = Path(__file__).parents[1]
 OPTIONS = [

@@ -41,9 +41,10 @@ from qocjax.store.lock import locked
 from qocjax.store.memory import InMemory
 from qocjax.store.provenance import change_of
 from qocjax.store.study_folder import ChunkFolder, study_folder
-from qocjax.study.chunks import Chunk, Failure, Part, Problem, Result, compute, plan
+from qocjax.study.chunks import Chunk, Failure, Part, Result, compute, plan
 from qocjax.study.engine import LocalEngine
 from qocjax.study.order import scale_of
+from qocjax.study.problem import Problem
 from qocjax.study.scales import scale_of_runs
 from qocjax.study.sweep import study_of
 

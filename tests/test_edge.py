@@ -35,7 +35,8 @@ from qocjax.network.dds import DdsNetwork, Profile, Topic
 from qocjax.network.edge import Served
 from qocjax.network.estimate import usage
 from qocjax.network.loop_network import Leg
-from qocjax.study.chunks import Part, Problem, compute, plan
+from qocjax.study.chunks import Part, compute, plan
+from qocjax.study.problem import Problem
 
 TAU = 0.01
 QUICKLY = {"xla_backend_optimization_level": 0}  # a program for few runs

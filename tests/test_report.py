@@ -25,7 +25,7 @@ from qocjax.report.delays import delay_chart, late_chart
 from qocjax.report.html import escape, interval, json_text, number, plus_minus
 from qocjax.report.replay import hold_times, replay_data
 from qocjax.report.sweeps import qoc_chart
-from qocjax.study.chunks import Problem
+from qocjax.study.problem import Problem
 from qocjax.study.replays import PolicyRun, policy_runs, replays
 from qocjax.study.replays import _draw as draw_all
 from qocjax.study.sweep import study_of
@@ -48,7 +48,7 @@ def study() -> Study:
 
 @pytest.fixture(scope="module")
 def runs(study: Study) -> list[PolicyRun]:
-    return policy_runs(study, SCENARIO, paper_network(), key=3)
+    return policy_runs(study, PROBLEM)
 
 
 @pytest.fixture(scope="module")

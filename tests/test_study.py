@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.study import StudyConfig
 from qocjax.config.tune import TuneConfig
+from qocjax.scenario import DESIGN
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
 from qocjax.study.scales import standing_still
@@ -28,7 +29,7 @@ BASE = Design(tau=0.1)
 DEADLINES = [0.3, 0.1, 0.2, 0.4]
 SWEEPS = {"kappa": [0.5, 2.0, 4.0], "gamma": [4.0, 2.0], "tau": [0.1, 0.2]}
 SELECTION, EVALUATION = range(6), range(100, 108)
-NAMES = [item.name for item in fields(Design)]
+NAMES = list(DESIGN)
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,8 @@ from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.store import write_json
 from qocjax.store.provenance import provenance
 from qocjax.store.study_folder import ChunkFolder
-from qocjax.study.chunks import Chunk, Failure, Part, Problem, Result, plan
+from qocjax.study.chunks import Chunk, Failure, Part, Result, plan
+from qocjax.study.problem import Problem
 from qocjax.sweep import run
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +23,7 @@ from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, check_tau
 from qocjax.simulate import check_start
+from qocjax.tunables import APF, CBF, LOOP, NAVIGATION, NETWORK, ROBOT, by_name, check_others
 
 __all__ = ["MAX_RUNS", "UNITS", "evaluate", "run_grid"]
 
@@ -41,6 +42,8 @@ UNITS = {
     "v_max": "m/s", "omega_max": "rad/s", "eta": "1", "kappa": "1/s", "gamma": "1/s", "c_miss": "m/s", "d_safe": "m",
     "tau": "s", "deadline": "s",
 }  # fmt: skip
+
+_DECLARED = {name: each.unit for name, each in by_name((*ROBOT, *LOOP, *NETWORK, *APF, *CBF, *NAVIGATION)).items()}
 
 
 def evaluate(
@@ -130,7 +133,9 @@ def run_grid(
     _check_held(grid | {name: getattr(scenario, name) for name in _SCENARIO_NUMBERS}, width)
     check_start(scenario, scenario.start)
     controller = controller or Apf()
-    controller.check(scenario, Design(**grid), rules.actuation)
+    every = Design.of(grid)
+    check_others(controller.tunables, every.others)
+    controller.check(scenario, every, rules.actuation)
     runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks, controller)
     total = len(numbers if only is None else seeds)
     runs_each, general = scenario.num_robots * total, not (in_blocks or controller.costly)
@@ -210,7 +215,7 @@ def _check_held(values: Mapping[str, ArrayLike], width: np.dtype) -> None:
 
 def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
     """The values of all designs, each [G] in float64."""
-    values = {name: np.asarray(value, np.float64) for name, value in asdict(designs).items()}
+    values = {name: np.asarray(value, np.float64) for name, value in designs.values().items()}
     try:
         shape = np.broadcast_shapes(*(value.shape for value in values.values()))
     except ValueError:
@@ -262,4 +267,4 @@ def unit_of(name: str) -> str:
     """Unit of a metric, of a value of a design, or of a derivative d_auc_<value>."""
     if name.startswith("d_auc_"):
         return f"{UNITS['auc']}/({UNITS[name.removeprefix('d_auc_')]})"
-    return UNITS.get(name, "1")  # what controllers report of themselves are shares and counts
+    return UNITS.get(name) or _DECLARED.get(name, "1")  # what controllers report of themselves are shares and counts

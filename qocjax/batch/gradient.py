@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +54,7 @@ def gradient(
         designs: As for `evaluate`.
         network: As for `evaluate`.
         seeds: As for `evaluate`.
-        wrt: Continuous values of a design to differentiate in.
+        wrt: Continuous values of a design to differentiate in, those of `others` by their full names.
         mode: `forward` or `reverse`; by default forward for up to three values. `arrival` knows forward only.
         rules: As for `evaluate`.
         key: As for `evaluate`.
@@ -68,9 +68,10 @@ def gradient(
         ValueError: An unknown name or mode, or what `evaluate` raises.
     """
     rules = rules or Rules()
-    names = tuple(_checks.choice("wrt", name, CONTINUOUS) for name in wrt)
+    known = (*CONTINUOUS, *designs.others)
+    names = tuple(_checks.choice("wrt", name, known) for name in wrt)
     if not names or len(set(names)) != len(names):
-        raise ValueError(f"wrt: got {list(wrt)}, expected at least one of {', '.join(CONTINUOUS)}, each once")
+        raise ValueError(f"wrt: got {list(wrt)}, expected at least one of {', '.join(known)}, each once")
     few = len(names) <= _FEW_PARAMETERS or rules.actuation == "arrival"
     mode = _checks.choice("mode", mode or ("forward" if few else "reverse"), MODES)
     if mode == "reverse" and rules.actuation == "arrival":
@@ -92,16 +93,18 @@ class _AucGradient:
     def __call__(self, scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan) -> dict[str, Array]:
         """The measure; one copy of each value per run makes the derivatives those of single runs."""
         start = drawn.start
-        shape = (jnp.shape(design.kappa)[1], start.shape[-1])
-        values = {name: jnp.broadcast_to(getattr(design, name), (1, *shape)) for name in self.names}
+        shape, own = (jnp.shape(design.kappa)[1], start.shape[-1]), design.values()
+        values = {name: jnp.broadcast_to(own[name], (1, *shape)) for name in self.names}
         if self.mode == "reverse":  # spread, all values are read alike: XLA's backward loop is twice as fast
-            everything = {name: _spread(getattr(design, name), name, start.shape[0], shape) for name in CONTINUOUS}
-            design = replace(design, **everything)
+            everything = {
+                name: _spread(own[name], name, start.shape[0], shape) for name in own if name not in ("tau", "deadline")
+            }
+            design = design.having(everything)
 
         def auc(values: dict[str, Array]) -> Array:
             # Spread over robots ahead of the loop, so that their derivatives are summed once and not in each tick.
             spread = {name: _spread(value, name, start.shape[0], shape) for name, value in values.items()}
-            measured = metrics(scenario, replace(design, **spread), drawn, ticks, plan)
+            measured = metrics(scenario, design.having(spread), drawn, ticks, plan)
             return jnp.mean(measured["auc"], axis=0)
 
         if self.mode == "reverse":

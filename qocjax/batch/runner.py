@@ -22,7 +22,7 @@ from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
-from qocjax.scenario import CONTINUOUS, Design, Scenario
+from qocjax.scenario import CONTINUOUS, DESIGN, Design, Scenario
 from qocjax.simulate import check_start
 
 __all__ = ["Drawn", "Measure", "Runner", "metrics"]
@@ -64,6 +64,7 @@ class Runner:
         """Casts everything to `dtype`; `in_blocks` is how reverse mode wants the loop."""
         self.controller = controller or Apf()
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
+        self.others = [name for name in grid if name not in DESIGN]
         self.start, self.key = jnp.asarray(scenario.start, jnp.result_type(float)), key
         # What many batches share is put on the device once.
         self.scenario: Scenario = jax.device_put(jax.tree.map(lambda a: np.asarray(a, dtype), scenario))
@@ -83,7 +84,8 @@ class Runner:
         drawn = self._drawn.get((*_set_of(batch), self._at(group)), lambda: self._draw(batch))
         values = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in CONTINUOUS}
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
-        args = (self.scenario, Design(**values, **timing), drawn, np.int32(group.ticks))
+        others = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in self.others}
+        args = (self.scenario, Design(**values, **timing, others=others), drawn, np.int32(group.ticks))
         slots, lag = (0, group.lag) if self.in_blocks else (group.slots, 0)
         math = self.math(group.longest_period)
         plan = Plan(self.rules, math, slots, group.mid_tick, lag=lag, controller=self.controller)

@@ -21,8 +21,9 @@ from distributed.scheduler import KilledWorker
 from qocjax.cluster.local import start_local
 from qocjax.cluster.worker import Settings, run_chunk, settings_here
 from qocjax.config.study import data_of
-from qocjax.study.chunks import Chunk, Failure, Problem, Result
+from qocjax.study.chunks import Chunk, Failure, Result
 from qocjax.study.engine import failure_of
+from qocjax.study.problem import Problem
 
 __all__ = ["DaskEngine"]
 

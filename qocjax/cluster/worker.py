@@ -19,8 +19,9 @@ from distributed import get_worker
 from qocjax._once import Once
 from qocjax._xla import num_workers, request_whole_loop, whole_loop_requested
 from qocjax.config.study import build_problem, data_of
-from qocjax.study.chunks import Chunk, Failure, Problem, Result, compute
+from qocjax.study.chunks import Chunk, Failure, Result, compute
 from qocjax.study.engine import failure_of
+from qocjax.study.problem import Problem
 
 __all__ = ["Settings", "run_chunk", "settings_here"]
 

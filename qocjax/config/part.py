@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-__all__ = ["Part", "conf_dir", "load"]
+__all__ = ["Part", "conf_dir", "line_of", "load"]
 
 
 class Part(BaseModel):
@@ -33,11 +33,11 @@ def load(model: type[M], cfg: DictConfig) -> M:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        lines = [_line(item, raw) for item in error.errors()]
+        lines = [line_of(item, raw) for item in error.errors()]
         raise ValueError("; ".join(lines)) from None
 
 
-def _line(item: Any, raw: Any) -> str:
+def line_of(item: Any, raw: Any) -> str:
     """One schema error as a line; the tags that pydantic adds for the branch of a union are left out."""
     path, here = [], raw
     for part in item["loc"]:

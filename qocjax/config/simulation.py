@@ -196,4 +196,4 @@ class SimulationConfig(Part):
         """The design around which parameters are swept."""
         self.robot.check()
         caps = {"v_max": self.robot.v_max, "omega_max": self.robot.omega_max}
-        return Design(**caps, tau=self.loop.tau, **self.controller.gains())
+        return Design.of(caps | {"tau": self.loop.tau} | self.controller.gains())

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any
 
-from pydantic import Field
+import numpy as np
+from pydantic import BeforeValidator, Field
 
+from qocjax import _checks
 from qocjax.config.engine import EngineConfig
+from qocjax.config.options import flat, number_at, with_numbers
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.quality import QocScale
+from qocjax.scenario import DESIGN, Design
 from qocjax.store.identity import content_digest
-from qocjax.study.chunks import Problem
-from qocjax.study.grid import Grid, one_at_a_time
+from qocjax.study.grid import Grid, full_grid, one_at_a_time
+from qocjax.study.problem import Problem, Setup
+from qocjax.tunables import LOOP, NETWORK, ROBOT, Tunable, by_name, design_name
 
 __all__ = ["FREE", "StudyConfig", "SweptConfig", "build_problem", "data_of"]
 
@@ -25,7 +31,8 @@ FREE = ("engine", "figures", "report", "arrays", "resume", "nav2")
 class SweepConfig(Part):
     """What a study sweeps, and on which seeds."""
 
-    grids: dict[str, list[float]]
+    grids: Annotated[dict[str, list[float]], BeforeValidator(flat)]
+    axes: list[str] | None = None
     deadline_ms: list[float]
     seeds: int
     evaluation_seeds: int
@@ -44,15 +51,82 @@ class SweptConfig(SimulationConfig):
 
     def build_grid(self) -> Grid:
         """The designs of the study; of each grid what the robot can do."""
-        grids = {name: self.robot.within(f"sweep.grids.{name}", name, values)
-                 for name, values in self.sweep.grids.items()}  # fmt: skip
-        return one_at_a_time(self.baseline(), grids, [ms / 1000 for ms in self.sweep.deadline_ms])
+        grids = self.grids()
+        deadlines = [ms / 1000 for ms in self.sweep.deadline_ms]
+        if self.sweep.axes is None:
+            return one_at_a_time(self.swept_baseline(), grids, deadlines)
+        axes = [design_name(name) for name in self.sweep.axes]
+        if len(axes) < 2 or len(set(axes)) < len(axes):
+            raise ValueError(f"sweep.axes: got {self.sweep.axes}, expected two or more parameters, each once")
+        for name in axes:
+            _checks.choice("sweep.axes", name, grids)
+        return full_grid(self.swept_baseline(), {name: grids[name] for name in axes}, deadlines)
+
+    def grids(self) -> dict[str, list[float]]:
+        """Values by name in a design; of each what the robot can do."""
+        found: dict[str, list[float]] = {}
+        for given, values in self.sweep.grids.items():
+            name, option = design_name(given), f"sweep.grids.{given}"
+            if name in found:
+                raise ValueError(f"{option}: got {given} and {name}, expected one grid of a parameter")
+            found[name] = self.robot.within(option, name, values)
+        return found
+
+    def swept_baseline(self) -> Design:
+        """The baseline with the options that are swept beside the model's own parameters.
+
+        Raises:
+            ValueError: One is no number of the configuration, or a value is none that it takes.
+        """
+        beside = {name: values for name, values in self.grids().items() if name not in DESIGN}
+        declared, others = self.tunables() if beside else {}, dict[str, float]()
+        for name, values in beside.items():
+            try:
+                others[name] = number_at(self, name)
+            except ValueError as error:
+                if "." in name:
+                    raise ValueError(f"sweep.grids.{error}") from None
+                known = ", ".join(own for own in DESIGN if own != "deadline")
+                raise ValueError(f"sweep.grids: got {name}, expected one of {known}, or an option by its full name, "
+                                 "such as loop.hold_timeout") from None  # fmt: skip
+            self._check_read(name)
+            if name in declared:
+                declared[name].check(np.asarray(values, float))
+        return replace(self.baseline(), others=others)
+
+    def _check_read(self, name: str) -> None:
+        """Refuses what is swept but not read.
+
+        Raises:
+            ValueError: The options are such that nothing reads it.
+        """
+        edge = getattr(self.network, "edge", None)
+        readers = {
+            "loop.hold_timeout": ("loop.hold", self.loop.hold, ("timeout",)),
+            "loop.hold_decay": ("loop.hold", self.loop.hold, ("decay",)),
+            "network.edge.workers": ("network.edge.discipline", (edge and edge.discipline) or self.usual_discipline,
+                                     ("skip", "latest", "fifo")),
+        }  # fmt: skip
+        option, got, wanted = readers.get(name, ("", "", ("",)))
+        if got not in wanted:
+            raise ValueError(f"sweep.grids.{name}: got it with {option}={got}, which does not read it, expected "
+                             f"{option}={' or '.join(wanted)}")  # fmt: skip
+
+    def tunables(self) -> dict[str, Tunable]:
+        """What the parts declare may be chosen, by name in a design."""
+        return by_name((*ROBOT, *LOOP, *NETWORK, *self.build_controller().tunables))
+
+    def apart(self) -> tuple[str, ...]:
+        """Names of what is swept that a compiled program does not take as an array."""
+        swept = [name for name in self.grids() if name not in DESIGN]
+        declared = self.tunables() if swept else {}
+        return tuple(name for name in swept if name not in declared or not declared[name].array)
 
     def beyond(self) -> list[str]:
         """What of the grids is left out because the robot cannot do it, a sentence each."""
         found = []
         for name, values in self.sweep.grids.items():
-            most = self.robot.limit(name)
+            most = self.robot.limit(design_name(name))
             if most is not None and (out := [value for value in values if value > most]):
                 listed = ", ".join(f"{value:g}" for value in out)
                 found.append(f"sweep.grids.{name}: {listed} left out, more than the robot's {most:g}")
@@ -87,11 +161,33 @@ class StudyConfig(SweptConfig):
     engine: EngineConfig
 
     def build_problem(self) -> Problem:
-        """What is simulated, with these options to build it again elsewhere."""
-        return Problem(
-            self.build_scenario(), self.build_grid().designs, self.build_network(), self.loop.build(), self.key,
-            self.build_controller(), self.model_dump(),
-        )  # fmt: skip
+        """What is simulated, with these options to build it again elsewhere.
+
+        Raises:
+            ValueError: A value of the configuration, or of what is swept, is out of range.
+        """
+        designs, apart = self.build_grid().designs, self.apart()
+        own = self.build_setup()
+        columns = np.stack([np.asarray(designs.others[name]) for name in apart], axis=1) if apart else np.zeros((0, 0))
+        setups = {tuple(values.tolist()): self._setup_with(dict(zip(apart, values.tolist(), strict=True)), own)
+                  for values in np.unique(columns, axis=0)}  # fmt: skip
+        return Problem(own.scenario, designs, own.network, own.rules, self.key, own.controller, self.model_dump(),
+                       setups, apart)  # fmt: skip
+
+    def build_setup(self) -> Setup:
+        """What programs are made for."""
+        return Setup(self.build_scenario(), self.build_network(), self.loop.build(), self.build_controller())
+
+    def _setup_with(self, values: Mapping[str, float], own: Setup) -> Setup:
+        """The set-up with some options changed."""
+        try:
+            setup = with_numbers(self, values).build_setup()
+        except (TypeError, ValueError) as error:
+            listed = ", ".join(f"{name}={value:g}" for name, value in values.items())
+            raise ValueError(f"sweep.grids: got {listed}: {error}") from None
+        if setup.scenario.num_robots != own.scenario.num_robots:
+            raise ValueError("sweep.grids: got values that change the number of robots, expected one number (fleet)")
+        return setup
 
     def identity(self) -> dict[str, Any]:
         """The options that results depend on."""
@@ -109,4 +205,6 @@ def build_problem(configuration: Mapping[str, Any]) -> Problem:
 
 def data_of(problem: Problem) -> str:
     """Digest of what the problem holds beside its options: measured delays, maps."""
-    return content_digest((problem.network, problem.controller))
+    own = (problem.network, problem.controller)
+    others = {repr(key): (setup.network, setup.controller) for key, setup in problem.setups.items()}
+    return content_digest((*own, others) if others else own)

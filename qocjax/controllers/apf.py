@@ -12,6 +12,7 @@ from qocjax._math import AngleMath
 from qocjax.controllers.interface import Sight, Task
 from qocjax.pairs import pair_forces
 from qocjax.scenario import Design, Scenario
+from qocjax.tunables import APF
 from qocjax.unicycle import Command, Pose
 
 __all__ = ["MIN_DISTANCE", "Apf", "apf", "steer"]
@@ -27,6 +28,7 @@ class Apf:
     costly = False
     unread = ()
     sees_speed = False
+    tunables = APF
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
         """It can do everything."""

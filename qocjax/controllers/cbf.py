@@ -21,12 +21,14 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from qocjax import _checks
 from qocjax.controllers.apf import MIN_DISTANCE, steer
 from qocjax.controllers.halfplanes import HalfPlanes, nearest
 from qocjax.controllers.interface import Sight, Task
 from qocjax.scenario import Design, Scenario
+from qocjax.tunables import CBF
 from qocjax.unicycle import Command, Pose
 
 __all__ = ["Cbf"]
@@ -45,6 +47,7 @@ class Cbf:
     costly = False
     unread = ("eta",)
     sees_speed = False
+    tunables = CBF
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", float(_checks.bounded("alpha", self.alpha, above=0.0, shape=())))
@@ -70,7 +73,7 @@ class Cbf:
         pose, design, goal = sight.pose, task.design, task.goal
         wanted_x, wanted_y = ((goal[k] - at) * design.kappa for k, at in enumerate((pose.x, pose.y)))
         over = jnp.maximum(jnp.hypot(wanted_x, wanted_y) / design.v_max, 1.0)
-        planes = _barriers(pose, sight.age, design, self.alpha)
+        planes = _barriers(pose, sight.age, design, design.others.get("controller.alpha", self.alpha))
         v_x, v_y, admissible = nearest(wanted_x / over, wanted_y / over, planes)
         return memory + ~admissible, steer(v_x, v_y, pose, design, task.math), ()
 
@@ -79,16 +82,16 @@ class Cbf:
         return {"squeezed": memory}
 
 
-def _barriers(pose: Pose, age: Array, design: Design, alpha: float) -> HalfPlanes:
+def _barriers(pose: Pose, age: Array, design: Design, alpha: ArrayLike) -> HalfPlanes:
     """The half-planes [N - 1, N, *B] of each robot, one for each other."""
     robots = pose.x.shape[0]
     others = np.array([[j for j in range(robots) if j != i] for i in range(robots)], int).reshape(robots, -1).T
     age = jnp.broadcast_to(age, pose.x.shape)
     apart_x, apart_y = (at[None] - at[others] for at in (pose.x, pose.y))
     distance = jnp.sqrt(jnp.maximum(apart_x * apart_x + apart_y * apart_y, MIN_DISTANCE**2))
-    deadline, d_safe, c_miss = (
+    deadline, d_safe, c_miss, alpha = (
         jnp.expand_dims(value, 0) if jnp.ndim(value) else value
-        for value in (design.deadline, design.d_safe, design.c_miss)
+        for value in (design.deadline, design.d_safe, design.c_miss, alpha)
     )
     stale = jnp.maximum(jnp.maximum(age[None], age[others]) - deadline, 0.0)
     barrier = distance - (d_safe + c_miss * stale)
@@ -96,4 +99,4 @@ def _barriers(pose: Pose, age: Array, design: Design, alpha: float) -> HalfPlane
     sign = jnp.asarray(np.where(others > np.arange(robots), -1.0, 1.0), distance.dtype)
     sign = jnp.broadcast_to(sign.reshape(*others.shape, *(1,) * (distance.ndim - 2)), distance.shape)
     n_x, n_y = jnp.where(on_top, sign, apart_x / distance), jnp.where(on_top, 0.0, apart_y / distance)
-    return HalfPlanes(n_x, n_y, -0.5 * alpha * barrier)
+    return HalfPlanes(n_x, n_y, -0.5 * barrier * alpha)

@@ -10,6 +10,7 @@ from jax import Array
 from qocjax._math import AngleMath
 from qocjax.acceleration import Acceleration
 from qocjax.scenario import Design, Scenario
+from qocjax.tunables import Tunable
 from qocjax.unicycle import Command, Pose
 
 __all__ = ["Controller", "Sight", "Task"]
@@ -44,6 +45,8 @@ class Controller(Protocol):
         costly: Whether a command takes so long that no run may be simulated for filling up a batch.
         unread: Values of a design that it does not read.
         sees_speed: Whether it reads at what speed robots drive; else the loop need not keep it.
+        tunables: What it declares may be chosen. Those that are arrays and no field of a design it reads from
+            `task.design.others`, where they are there.
     """
 
     @property
@@ -59,6 +62,11 @@ class Controller(Protocol):
     @property
     def sees_speed(self) -> bool:
         """Whether it reads at what speed robots drive."""
+        ...
+
+    @property
+    def tunables(self) -> tuple[Tunable, ...]:
+        """What it declares may be chosen."""
         ...
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from qocjax.figures.quantities import DEADLINE_LABEL, PARAMETERS, RELIABILITY_LABEL
+from qocjax.figures.quantities import DEADLINE_LABEL, RELIABILITY_LABEL, parameter
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, SINGLE_COLUMN, paper_style, sequence
 from qocjax.figures.tables import baseline_index, check_table, grid, sweep_rows
 
@@ -96,7 +96,7 @@ def _draw_values(panel: Axes, mark: str, sweep: str, table: pd.DataFrame, chosen
     for index, (value, shade) in enumerate(zip(values, sequence(values.size), strict=True)):
         emphasised = index == chosen
         colour = "k" if emphasised else shade
-        text = PARAMETERS[sweep].format(value) + (" (baseline)" if emphasised else "")
+        text = parameter(sweep).format(value) + (" (baseline)" if emphasised else "")
         panel.plot(1e3 * deadlines, auc[index], color=colour, lw=1.6 if emphasised else 0.9,
                    marker=marker, ms=2.5, clip_on=not marker, zorder=3.5 if emphasised else 3, label=text)  # fmt: skip
         low, high = auc[index] - error[index], auc[index] + error[index]
@@ -105,8 +105,8 @@ def _draw_values(panel: Axes, mark: str, sweep: str, table: pd.DataFrame, chosen
             panel.vlines(1e3 * deadlines, low, high, color=colour, lw=0.7)
     if deadlines.size == 1:
         panel.set_xticks(1e3 * deadlines)
-    parameter = PARAMETERS[sweep]
-    panel.legend(title=f"{mark}{parameter.name} {parameter.label}", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+    shown = parameter(sweep)
+    panel.legend(title=f"{mark}{shown.name} {shown.label}", loc="lower center", bbox_to_anchor=(0.5, 1.0),
                  ncols=min(4, values.size))  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 
-from qocjax.figures.quantities import PARAMETERS
+from qocjax.figures.quantities import parameter
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, POLICIES, paper_style, sequence
 from qocjax.figures.tables import check_table
 
@@ -96,7 +96,7 @@ def _heights(rows: pd.DataFrame, k: int, count: int, sweeps: list[str]) -> np.nd
 
 def _rows(panel: Axes, sweeps: list[str]) -> None:
     panel.set_ylim(len(sweeps) - 0.5, -0.5)
-    panel.set_yticks(range(len(sweeps)), labels=[PARAMETERS[sweep].symbol for sweep in sweeps])
+    panel.set_yticks(range(len(sweeps)), labels=[parameter(sweep).symbol for sweep in sweeps])
     panel.tick_params(axis="y", length=0)
     for edge in np.arange(len(sweeps) - 1) + 0.5:
         panel.axhline(edge, color="0.85", lw=0.5, zorder=0)

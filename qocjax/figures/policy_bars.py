@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 
-from qocjax.figures.quantities import PARAMETERS, milliseconds
+from qocjax.figures.quantities import milliseconds, parameter, value_text
 from qocjax.figures.style import DOUBLE_COLUMN, POLICIES, paper_style
 from qocjax.figures.tables import check_table, policy_rows, present_sweeps
 
@@ -95,7 +95,7 @@ def _cross_out(axes: Axes, x: np.ndarray) -> None:
 
 def _write_choice(axes: Axes, x: float, sweep: str, row: pd.Series, upright: bool) -> None:
     value, deadline, _ = _depths(upright)
-    choice = {value: PARAMETERS[sweep].format(row["value"]), deadline: milliseconds(row["deadline"])}
+    choice = {value: value_text(row), deadline: milliseconds(row["deadline"])}
     for depth, text in choice.items():
         _write_below(axes, text, x, depth, fontsize=7, rotation=0 if upright else 90)
 
@@ -104,7 +104,7 @@ def _label_groups(axes: Axes, sweeps: list[str], upright: bool) -> None:
     """Names each group by its parameter, and the two lines of numbers at their left."""
     value, deadline, group = _depths(upright)
     for index, sweep in enumerate(sweeps):
-        _write_below(axes, PARAMETERS[sweep].label, index, group, fontsize=8)
+        _write_below(axes, parameter(sweep).label, index, group, fontsize=8)
     for depth, text in ((value, r"$\Theta$"), (deadline, r"$\Delta$ (ms)")):
         axes.annotate(text, (0, 0), (-3, -depth), xycoords="axes fraction", textcoords="offset points",
                       ha="right", va="center", fontsize=7)  # fmt: skip

@@ -14,7 +14,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from qocjax.figures.colliding import collision_cells, hatch_cells, hatch_patches
-from qocjax.figures.quantities import DEADLINE_LABEL, PARAMETERS, RELIABILITY_LABEL, milliseconds
+from qocjax.figures.quantities import DEADLINE_LABEL, RELIABILITY_LABEL, milliseconds, parameter
 from qocjax.figures.style import COLOUR_MAP, POLICIES, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import baseline_index, check_table, grid, policy_rows, sweep_rows
 
@@ -116,9 +116,9 @@ def _draw_cells(figure: Figure, axes: Axes, deadlines_ms: NDArray[np.float64], q
 
 
 def _label_values(axes: Axes, sweep: str, values: NDArray[np.float64], chosen: int | None) -> None:
-    axes.set_yticks(np.arange(values.size), labels=[PARAMETERS[sweep].format(value) for value in values])
+    axes.set_yticks(np.arange(values.size), labels=[parameter(sweep).format(value) for value in values])
     axes.tick_params(axis="y", length=0)
-    axes.set_ylabel(PARAMETERS[sweep].label)
+    axes.set_ylabel(parameter(sweep).label)
     if chosen is not None:
         axes.get_yticklabels()[chosen].set_fontweight("bold")
 

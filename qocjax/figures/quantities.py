@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-__all__ = ["DEADLINE_LABEL", "PARAMETERS", "RELIABILITY_LABEL", "Parameter", "milliseconds"]
+from qocjax.batch.evaluate import unit_of
+from qocjax.scenario import DESIGN
+
+__all__ = [
+    "DEADLINE_LABEL", "PARAMETERS", "RELIABILITY_LABEL", "Parameter", "is_parameter", "milliseconds", "parameter",
+    "short_name", "value_text",
+]  # fmt: skip
 
 DEADLINE_LABEL = r"Deadline $\Delta$ (ms)"
 RELIABILITY_LABEL = r"Loop completion $F(\Delta)$"
@@ -38,6 +46,42 @@ PARAMETERS = {
     "gamma": Parameter("Heading gain", r"$\gamma$", "1/s"),
     "c_miss": Parameter("Staleness penalty", r"$c_\mathrm{miss}$", "m/s"),
 }
+
+
+_BESIDE = {
+    "omega_max": Parameter("Turn rate cap", r"$\omega^\mathrm{max}$", "rad/s"),
+    "d_safe": Parameter("Safety distance", r"$d_\mathrm{safe}$", "m"),
+}
+
+
+def parameter(name: str) -> Parameter:
+    """A parameter by its name in a design; of several, `kappa,gamma`, the symbols in their order."""
+    axes = name.split(",")
+    if len(axes) > 1:
+        names = ", ".join(parameter(each).name.lower() for each in axes)
+        return Parameter(names.capitalize(), ", ".join(parameter(each).symbol for each in axes))
+    if name in PARAMETERS or name in _BESIDE:
+        return PARAMETERS.get(name) or _BESIDE[name]
+    unit = unit_of(name)
+    return Parameter(name, short_name(name), "" if unit == "1" else unit)
+
+
+def short_name(name: str) -> str:
+    """The end of an option's name that tells it from others: `temperature`, `CostCritic.cost_weight`."""
+    return ".".join(name.split(".")[-2 if ".critics." in name or name.endswith("gamma") else -1 :])
+
+
+def is_parameter(name: object) -> bool:
+    """Whether a sweep may have that name."""
+    return isinstance(name, str) and all(each in DESIGN or "." in each for each in name.split(","))
+
+
+def value_text(row: Mapping[str, Any]) -> str:
+    """The value of a row of results or policies in the displayed units; of several parameters each one's."""
+    axes = str(row["sweep"]).split(",")
+    if len(axes) == 1:
+        return parameter(axes[0]).format(row["value"])
+    return ", ".join(parameter(each).format(row[each]) for each in axes)
 
 
 def milliseconds(seconds: float) -> str:

@@ -10,8 +10,10 @@ import pandas as pd
 
 from qocjax.figures.auc_deadline import auc_against_deadline
 from qocjax.figures.beside import draw_all
+from qocjax.figures.joint_map import joint_map
 from qocjax.figures.policy_bars import policy_bars
 from qocjax.figures.qoc_map import qoc_map
+from qocjax.figures.quantities import short_name
 from qocjax.figures.trajectories import RunLike, trajectories
 
 __all__ = ["draw_study"]
@@ -41,11 +43,20 @@ def draw_study(
         The files, a PNG and a PDF of each figure.
     """
     sweeps = list(dict.fromkeys(results["sweep"]))
-    lines = [sweep for sweep in sweeps if sweep in ("eta", "tau")] or sweeps
+    single = [sweep for sweep in sweeps if "," not in sweep]
+    lines = [sweep for sweep in single if sweep in ("eta", "tau")] or single
     figures = {
         "policies": partial(policy_bars, policies),
-        "auc_" + "_".join(lines): partial(auc_against_deadline, results, lines),
-        **{f"qoc_{sweep}": partial(qoc_map, results, policies, sweep, limit=limit) for sweep in sweeps},
+        **({_stem("auc", lines): partial(auc_against_deadline, results, lines)} if lines else {}),
+        **{_stem("qoc", [sweep]): partial(qoc_map, results, policies, sweep, limit=limit) for sweep in single},
+        **{_stem("qoc", sweep.split(",")): partial(joint_map, results, policies, sweep)
+           for sweep in sweeps if "," in sweep},
         "trajectories": partial(trajectories, run),
-    }
+    }  # fmt: skip
     return draw_all([(make, folder / name) for name, make in figures.items()], pool)
+
+
+def _stem(what: str, names: list[str]) -> str:
+    """The name of a file about some sweeps, options by the ends of their names; of many sweeps, their number."""
+    stem = "_".join([what, *(short_name(name) for name in names)])
+    return stem if len(stem) <= 100 else f"{what}_{len(names)}_sweeps"

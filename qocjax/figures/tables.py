@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from qocjax.figures.quantities import PARAMETERS
+from qocjax.figures.quantities import PARAMETERS, is_parameter
 from qocjax.figures.style import POLICIES
 
 __all__ = ["baseline_index", "check_table", "grid", "policy_rows", "present_sweeps", "sweep_rows"]
@@ -40,7 +40,7 @@ def check_table(table: pd.DataFrame, name: str, columns: Sequence[str], others: 
         if column in _TEXT:
             known = PARAMETERS if column == "sweep" else POLICIES
             for entry in table[column].unique():
-                if entry not in known:
+                if entry not in known and not (column == "sweep" and is_parameter(entry)):
                     raise ValueError(f"{name}: unknown {column} '{entry}'; expected one of {', '.join(known)}")
         else:
             _check_numbers(table[column], name)
@@ -58,8 +58,9 @@ def _check_numbers(column: pd.Series, name: str) -> None:
 
 
 def present_sweeps(table: pd.DataFrame) -> list[str]:
-    """Lists the sweeps that occur in a table, in the paper's order."""
-    return [sweep for sweep in PARAMETERS if (table["sweep"] == sweep).any()]
+    """Lists the sweeps that occur in a table: those of the paper in its order, then the others."""
+    found = dict.fromkeys(table["sweep"])
+    return [*(sweep for sweep in PARAMETERS if sweep in found), *(sweep for sweep in found if sweep not in PARAMETERS)]
 
 
 def sweep_rows(table: pd.DataFrame, name: str, sweep: str) -> pd.DataFrame:
@@ -68,7 +69,7 @@ def sweep_rows(table: pd.DataFrame, name: str, sweep: str) -> pd.DataFrame:
     Raises:
         ValueError: no such sweep exists, or the table has no row of it.
     """
-    if sweep not in PARAMETERS:
+    if not is_parameter(sweep):
         raise ValueError(f"sweep: unknown '{sweep}'; expected one of {', '.join(PARAMETERS)}")
     rows = table[table["sweep"] == sweep]
     if rows.empty:

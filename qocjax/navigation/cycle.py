@@ -13,6 +13,7 @@ from qocjax.navigation.critics import COLLISION
 from qocjax.navigation.local_path import MapCosts
 from qocjax.navigation.mppi import Limits, Rollouts, State, step
 from qocjax.navigation.planner import plan
+from qocjax.navigation.varied import varied
 from qocjax.unicycle import Command
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class Robot(NamedTuple):
     obstacles: Obstacles  # [M] the other robots
     goal: Array  # [2] m
     limits: Limits
+    values: dict[str, Array]  # what the design varies of the stack, each []
 
 
 class View(NamedTuple):
@@ -49,6 +51,7 @@ class View(NamedTuple):
     obstacles: Obstacles  # [M]
     goal: Array  # [2] m
     limits: Limits
+    values: dict[str, Array]  # what the design varies of the stack, each []
 
 
 def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Command, State, View]:
@@ -62,6 +65,7 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     Returns:
         The command, the state of the local controller for the next cycle, and what the cycle looked at.
     """
+    stack = varied(stack, robot.values)
     dtype, begin = robot.begin.dtype, robot.begin
     cost = _layers(stack, robot.obstacles, dtype).total().astype(dtype)
     path, found = _path(stack, robot, cost, planning)
@@ -79,14 +83,14 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     command = Command(jnp.where(going, command.nu, 0.0), jnp.where(going, command.omega, 0.0))
     view = View(
         robot.words, robot.state, path, has_path, found, going & rollouts.blocked, begin, robot.speed,
-        robot.obstacles, robot.goal, robot.limits,
+        robot.obstacles, robot.goal, robot.limits, robot.values,
     )  # fmt: skip
     return command, state, view
 
 
 def look(stack: NavigationStack, view: View) -> tuple[Layers, Rollouts]:
     """The costmap of a cycle and its rollouts, with their points."""
-    dtype = view.begin.dtype
+    stack, dtype = varied(stack, view.values), view.begin.dtype
     layers = _layers(stack, view.obstacles, dtype)
     cost = layers.total().astype(dtype)
     _, _, rollouts = _step(

@@ -55,6 +55,7 @@ def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> 
         _obstacles(stack, task, memory, sight, begin),
         jnp.stack([spread(each) for each in task.goal], axis=-1),
         Limits(spread(design.v_max), spread(design.omega_max), spread(design.tau)),
+        {name: spread(value) for name, value in design.others.items()},
     )
 
 
@@ -76,7 +77,8 @@ def _obstacles(stack: NavigationStack, task: Task, memory: Memory, sight: Sight,
     else:
         known = _at(memory.seen, source)
         x, y, unknown = known[..., 0], known[..., 1], age
-    moved = jnp.minimum(speed * unknown, stack.max_widening)
+    widest = task.design.others.get("controller.max_widening", stack.max_widening)
+    moved = jnp.minimum(speed * unknown, widest)
     x, y, moved = (others(each) for each in (x, y, moved))
     radius = float(np.asarray(stack.inflation.robot_radius))
     return Obstacles(x, y, jnp.ones_like(x), moved, jnp.full_like(x, radius))

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
+from qocjax._checks import is_concrete, is_zero
 from qocjax._math import angle_math
 from qocjax.acceleration import Acceleration, drive, parts
 from qocjax.navigation.critics import COLLISION, Ends, Scene
@@ -247,6 +248,7 @@ def _control_cost(config: MppiConfig, vx: Array, wz: Array, sample_vx: Array, sa
     """γ/σ² Σ u (u_k - u), of both commands, [K] (Williams et al., 2018, section III-D; optimizer.cpp)."""
     cost = jnp.zeros(sample_vx.shape[1], sample_vx.dtype)
     for mean, sample, std in ((vx, sample_vx, config.vx_std), (wz, sample_wz, config.wz_std)):
-        if std > 0 and config.gamma > 0:
-            cost = cost + (config.gamma / std**2) * (mean @ sample - mean @ mean)
+        if not (is_zero(std) or is_zero(config.gamma)):
+            drawn = std if is_concrete(std) else jnp.where(std > 0, std, jnp.inf)
+            cost = cost + (config.gamma / drawn**2) * (mean @ sample - mean @ mean)
     return cost

@@ -15,11 +15,13 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from qocjax._checks import is_concrete
 from qocjax._math import angle_math
 from qocjax.navigation.critics import Critic, Point, Scene
 from qocjax.navigation.feasible import follow
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.noise import LARGEST
+from qocjax.tunables import WIDEST
 from qocjax.unicycle import Command, Pose, arc
 
 __all__ = ["Rolled", "roll_out"]
@@ -140,4 +142,5 @@ def _measures(critic: Critic) -> bool:
 
 
 def _angles(config: MppiConfig) -> Any:
-    return angle_math(0.5 * (config.wz_max + LARGEST * config.wz_std) * config.model_dt)
+    spread = config.wz_std if is_concrete(config.wz_std) else WIDEST
+    return angle_math(0.5 * (config.wz_max + LARGEST * spread) * config.model_dt)

@@ -43,8 +43,10 @@ from qocjax.navigation.maps import StaticMap, map_of_shapes
 from qocjax.navigation.mppi import initial_state
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
+from qocjax.navigation.varied import value_at
 from qocjax.navigation.wavefront import Planner
 from qocjax.scenario import Design, Scenario
+from qocjax.tunables import NAVIGATION
 from qocjax.unicycle import Command, Pose
 
 __all__ = ["STACK_MPPI", "NavigationStack", "open_floor"]
@@ -100,6 +102,7 @@ class NavigationStack:
 
     costly = True
     sees_speed = True
+    tunables = NAVIGATION
     unread = ("eta", "kappa", "gamma", "c_miss", "d_safe")
 
     def __post_init__(self) -> None:
@@ -108,7 +111,7 @@ class NavigationStack:
         for name in ("planner_period", "xy_goal_tolerance", "max_widening", "backup_speed", "backup_dist"):
             limit = {"above": 0.0} if name in ("planner_period", "backup_dist") else {"least": 0.0}
             value = _checks.bounded(name, getattr(self, name), shape=(), **limit)
-            object.__setattr__(self, name, float(value))
+            object.__setattr__(self, name, float(value) if _checks.is_concrete(value) else value)
         if not isinstance(self.predict, bool):
             raise TypeError(f"predict: got {self.predict!r}, expected True or False")
 
@@ -131,6 +134,11 @@ class NavigationStack:
             ValueError: A design varies what the stack does not read, or turns faster than it can; a start or goal is in
                 a closed cell; robots start in collision; predictions for another actuation than `deadline`.
         """
+        for name in designs.others:
+            try:
+                value_at(self, name)
+            except AttributeError as error:
+                raise ValueError(f"{name}: {error}") from None
         for name in self.unread:
             value = getattr(designs, name)
             if _checks.is_concrete(value) and np.unique(np.asarray(value)).size > 1:

@@ -12,7 +12,7 @@ import pandas as pd
 from qocjax.figures.style import OKABE_ITO, sequence
 from qocjax.report.charts import axis, colour_style, layout, legend_item
 from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
-from qocjax.report.labels import DEADLINE, name_of, symbol, value_text
+from qocjax.report.labels import DEADLINE, choice_words, name_of, symbol, value_cell
 from qocjax.report.page import Section, facts, render, write
 from qocjax.report.parts import chart_place, tabs
 from qocjax.report.policies import mark
@@ -79,7 +79,7 @@ def _headline(table: pd.DataFrame, studies: Sequence[str]) -> str:
             best = rows.loc[rows["qoc"].idxmax()]
             texts.append(
                 f"{escape(name)} <strong>{plus_minus(best['qoc'], best['qoc_se'])}</strong> "
-                f"({symbol(best['sweep'])} = {value_text(best['sweep'], best['value'], with_unit=True)}, Δ = "
+                f"({choice_words(best)}, Δ = "
                 f"{number(1e3 * best['deadline'])} ms)"
             )
     return f'<p class="headline">QoC of the best joint choice: {"; ".join(texts)}.</p>' if texts else ""
@@ -150,7 +150,7 @@ def _difference_trace(rows: pd.DataFrame, place: list[float], uid: str, shape: s
 
 
 def _hover(row: Mapping[str, Any]) -> list[str]:
-    choice = f"{symbol(row['sweep'])} = {value_text(row['sweep'], row['value'], with_unit=True)}, Δ = "
+    choice = f"{choice_words(row)}, Δ = "
     gap = f"{signed(row['difference'])} {interval(row['difference_low'], row['difference_high'])}"
     return [
         f"<b>{escape(row['study'])}</b>, {escape(row['policy'])}",
@@ -168,7 +168,7 @@ def _curve_chart(curves: pd.DataFrame, sweep: str, uids: Mapping[str, str]) -> d
         traces.append({"type": "scatter", "mode": "lines", "x": np.concatenate([x, x[::-1]]), "fill": "toself",
                        "y": np.concatenate([y + error, (y - error)[::-1]]), "line": {"width": 0}, "hoverinfo": "skip",
                        "fillcolor": "#808080", "uid": f"{uids[str(name)]}b"})  # fmt: skip
-        texts = [[escape(name), value_text(sweep, row["value"], with_unit=True), number(1e3 * row["deadline"]),
+        texts = [[escape(name), value_cell(row), number(1e3 * row["deadline"]),
                   share_text(row["reliability"], row.get("reliability_se", 0.0)), plus_minus(row["qoc"], row["qoc_se"])]
                  for row in rows.to_dict("records")]  # fmt: skip
         traces.append({"type": "scatter", "mode": "lines+markers" if x.size < 12 else "lines", "x": x, "y": y,
@@ -206,7 +206,7 @@ def _row(row: Mapping[str, Any], before: Mapping[str, Any] | None) -> str:
     cells = (
         "" if before else f'{symbol(sweep)} <span class="words">{name_of(sweep)}</span>',
         "" if before and before["policy"] == policy else f"{mark(policy)} {escape(policy)}",
-        escape(row["study"]), value_text(sweep, row["value"], with_unit=True), number(1e3 * row["deadline"]),
+        escape(row["study"]), value_cell(row), number(1e3 * row["deadline"]),
         plus_minus(row["qoc"], row["qoc_se"]), number(row["qoc_own_scale"], ".4f"), gap,
         plus_minus(row["auc"], row["auc_se"], ".3f"),
         close if row["within_limit"] else f'<strong class="warn">{close}</strong>',

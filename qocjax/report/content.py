@@ -15,8 +15,8 @@ from qocjax.report.hall import hall_map
 from qocjax.report.replay import Replay
 from qocjax.report.study import StudyPage
 from qocjax.study.capacity import at_once_text, usual_load
-from qocjax.study.chunks import Problem
 from qocjax.study.hanging import hanging_of
+from qocjax.study.problem import Problem
 from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
 from qocjax.study.sweep import Study
@@ -42,7 +42,7 @@ def study_page(
     axis = np.unique(study.results["deadline"])
     deadlines = np.unique(np.append(axis, np.linspace(0.0, axis[-1], _STEPS + 1)))
     replays = [
-        Replay(each.sweep, each.policy, each.value, float(np.asarray(each.design.deadline)), each.reliability,
+        Replay(each.sweep, each.policy, each.values, float(np.asarray(each.design.deadline)), each.reliability,
                float(np.asarray(each.design.tau)), each.run)
         for each in runs
     ]  # fmt: skip

@@ -31,8 +31,8 @@ from qocjax.report.replay import replay_data
 from qocjax.report.stages import replay_html
 from qocjax.store import provenance
 from qocjax.study.capacity import at_once_text
-from qocjax.study.chunks import Problem
 from qocjax.study.fleet.tables import FleetStudy, answers
+from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.sweep import Study
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from qocjax.report.replay import Replay
 from qocjax.simulate import Run
-from qocjax.study.chunks import Problem
 from qocjax.study.fleet.point import BEST
+from qocjax.study.problem import Problem
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import Study
 
@@ -34,13 +34,10 @@ def fleet_replays(runs: Mapping[int, tuple[Study, Problem]], largest: int | None
     for robots in _shown(list(runs), largest):
         study, problem = runs[robots]
         rows = study.policies[(study.policies["sweep"] == BEST) & (study.policies["policy"] == "Co-design")]
-        for each in policy_runs(
-            replace(study, policies=rows), problem.scenario, problem.network, rules=problem.rules, key=problem.key,
-            controller=problem.controller,
-        ):  # fmt: skip
+        for each in policy_runs(replace(study, policies=rows), problem):
             name = f"{robots} robot{'s' * (robots > 1)}"
-            found.append(Replay(each.sweep, name, each.value, float(np.asarray(each.design.deadline)), each.reliability,
-                                float(np.asarray(each.design.tau)), _lying(each.run), name))  # fmt: skip
+            deadline, tau = (float(np.asarray(value)) for value in (each.design.deadline, each.design.tau))
+            found.append(Replay(each.sweep, name, each.values, deadline, each.reliability, tau, _lying(each.run), name))
     return found
 
 

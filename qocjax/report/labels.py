@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from qocjax.figures.quantities import PARAMETERS, Parameter
+from collections.abc import Mapping
+from typing import Any
+
+from qocjax.figures.quantities import parameter
 from qocjax.report.html import escape, number
 
-__all__ = ["DEADLINE", "MARKERS", "RELIABILITY", "label", "name_of", "symbol", "unit", "value_text"]
+__all__ = [
+    "DEADLINE", "MARKERS", "RELIABILITY", "choice_words", "label", "name_of", "symbol", "unit", "value_cell",
+    "value_text",
+]  # fmt: skip
 
 DEADLINE = "Deadline Δ (ms)"
 RELIABILITY = "Loop completion <i>F</i>(Δ)"
@@ -17,29 +23,23 @@ _SYMBOLS = {
     "v_max": "<i>ν</i><sup>max</sup>", "omega_max": "<i>ω</i><sup>max</sup>", "eta": "<i>η</i>", "tau": "<i>τ</i>",
     "kappa": "<i>κ</i>", "gamma": "<i>γ</i>", "c_miss": "<i>c</i><sub>miss</sub>", "d_safe": "<i>d</i><sub>safe</sub>",
 }  # fmt: skip
-_OTHERS = {
-    "omega_max": Parameter("Turn rate cap", "", "rad/s"),
-    "d_safe": Parameter("Safety distance", "", "m"),
-}
-
-
-def _parameter(sweep: str) -> Parameter:
-    return PARAMETERS.get(sweep) or _OTHERS.get(sweep) or Parameter(sweep, sweep)
 
 
 def name_of(sweep: str) -> str:
     """A parameter in words."""
-    return escape(_parameter(sweep).name)
+    return escape(parameter(sweep).name)
 
 
 def symbol(sweep: str) -> str:
-    """A parameter's symbol."""
-    return _SYMBOLS.get(sweep) or escape(sweep)
+    """A parameter's symbol; of several those of each."""
+    if "," in sweep:
+        return ", ".join(symbol(each) for each in sweep.split(","))
+    return _SYMBOLS.get(sweep) or escape(parameter(sweep).symbol)
 
 
 def unit(sweep: str) -> str:
     """The unit that its values are shown in; empty for plain numbers."""
-    return escape(_parameter(sweep).unit)
+    return escape(parameter(sweep).unit)
 
 
 def label(sweep: str) -> str:
@@ -49,5 +49,28 @@ def label(sweep: str) -> str:
 
 def value_text(sweep: str, value: float, *, with_unit: bool = False) -> str:
     """An SI value in the shown unit."""
-    text = number(_parameter(sweep).scale * value)
+    text = number(parameter(sweep).scale * value)
     return f"{text} {unit(sweep)}" if with_unit and unit(sweep) else text
+
+
+def value_cell(row: Mapping[str, Any], prefix: str = "") -> str:
+    """The value of a row of results or policies with its unit; of several parameters each one's.
+
+    Args:
+        row: With its sweep and `value`, or a column for each of several parameters.
+        prefix: Of these columns.
+    """
+    axes = str(row["sweep"]).split(",")
+    columns = ["value"] if len(axes) == 1 else axes
+    pairs = zip(axes, columns, strict=True)
+    return ", ".join(value_text(axis, row[f"{prefix}{column}"], with_unit=True) for axis, column in pairs)
+
+
+def choice_words(row: Mapping[str, Any], prefix: str = "") -> str:
+    """As `value_cell`, each value behind its symbol: `κ = 2 1/s`."""
+    axes = str(row["sweep"]).split(",")
+    columns = ["value"] if len(axes) == 1 else axes
+    return ", ".join(
+        f"{symbol(axis)} = {value_text(axis, row[f'{prefix}{column}'], with_unit=True)}"
+        for axis, column in zip(axes, columns, strict=True)
+    )

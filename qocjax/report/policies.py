@@ -6,7 +6,7 @@ import pandas as pd
 
 from qocjax.figures.style import POLICIES
 from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
-from qocjax.report.labels import name_of, symbol, value_text
+from qocjax.report.labels import choice_words, name_of, symbol, value_cell
 from qocjax.study.choosing import moved_by_limit
 from qocjax.study.edges import edges_text
 from qocjax.study.reliability import share_text
@@ -100,8 +100,7 @@ def limit_notes(policies: pd.DataFrame) -> str:
             "these seeds do not bear out a policy's safer choice, the row is what it takes without a limit.</p>"
         )
     items = "".join(
-        f"<li>{mark(row['policy'])} {escape(row['policy'])}: {symbol(row['sweep'])} = "
-        f"{value_text(row['sweep'], row['unconstrained_value'], with_unit=True)} with Δ = "
+        f"<li>{mark(row['policy'])} {escape(row['policy'])}: {choice_words(row, 'unconstrained_')} with Δ = "
         f"{number(1e3 * row['unconstrained_deadline'])} ms, QoC {number(row['unconstrained_qoc'], '.4f')}, too close "
         f"in {percent(row['unconstrained_collision_share'])} of the runs</li>"
         for row in moved_by_limit(found).to_dict("records")
@@ -110,9 +109,8 @@ def limit_notes(policies: pd.DataFrame) -> str:
 
 
 def _choice(row: pd.Series) -> str:
-    sweep = str(row["sweep"])
     return (
-        f"{symbol(sweep)} = {value_text(sweep, row['value'], with_unit=True)} with Δ = "
+        f"{choice_words(row)} with Δ = "
         f"{number(1e3 * row['deadline'])} ms: QoC <strong>{plus_minus(row['qoc'], row['qoc_se'])}</strong> on fresh "
         "seeds"
     )
@@ -139,7 +137,7 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
         gap = f'<span class="warn">{escape(row.get("error") or "no design")}</span>'
     edges = {end.split()[-1]: f'<abbr title="{escape(end)} of those tried">*</abbr>'
              for end in row["at_edge"].split(", ") if end}  # fmt: skip
-    value = value_text(sweep, row["value"], with_unit=True) + edges.get(sweep, "")
+    value = value_cell(row) + "".join(mark for name, mark in edges.items() if name != "deadline")
     deadline = number(1e3 * row["deadline"]) + edges.get("deadline", "")
     cells = (
         name, f"{mark(policy)} {escape(policy)}", value, deadline,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,7 @@ class Replay:
 
     sweep: str
     policy: str
-    value: float
+    values: Mapping[str, float]  # `value`, or that of each parameter of a sweep of several
     deadline: float  # s
     reliability: float
     tau: float  # s

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qocjax.report.html import escape, number, percent
-from qocjax.report.labels import name_of, symbol, value_text
+from qocjax.report.labels import choice_words, name_of, symbol
 from qocjax.report.policies import mark
 from qocjax.report.replay import Replay
 
@@ -55,13 +55,13 @@ def replay_html(replays: Sequence[Replay], text: str, choice: str = "Sweep") -> 
 
 def _stage(index: int, each: Replay, shown: bool) -> str:
     run = each.run
-    near = float(run.min_distance)
+    near, choice = float(run.min_distance), choice_words({"sweep": each.sweep} | dict(each.values))
     distance = f", nearest {number(near, '.3f')} m" if np.isfinite(near) else ""
     warn = ' <strong class="warn">(closer than two radii)</strong>' if bool(run.collided) else ""
     return (
         f'<article class="stage" data-run="{index}" data-sweep="{escape(each.chosen_by)}"{"" if shown else " hidden"} '
         f'aria-label="{escape(each.policy)}"><h3>{mark(each.policy)} {escape(each.policy)}</h3>'
-        f"<p>{symbol(each.sweep)} = {value_text(each.sweep, each.value, with_unit=True)}, Δ = "
+        f"<p>{choice}, Δ = "
         f"{number(1e3 * each.deadline)} ms, <i>F</i>(Δ) = {percent(each.reliability)}; AUC "
         f"{number(float(np.mean(run.auc)), '.3f')} s{distance}{warn}</p>"
         '<div class="hall"></div><div class="ages"></div><div class="status"></div></article>'

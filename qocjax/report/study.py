@@ -18,6 +18,7 @@ from qocjax.report.hall import HallMap
 from qocjax.report.html import escape, interval, number, percent
 from qocjax.report.page import Section, details, facts, render, write
 from qocjax.report.parts import chart_place, tabs
+from qocjax.report.planes import best_chart, plane_chart
 from qocjax.report.policies import headline, limit_notes, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
@@ -59,15 +60,18 @@ def write_study_report(path: Path, page: StudyPage) -> Path:
     Returns:
         The file.
     """
-    sweeps = list(dict.fromkeys(page.results["sweep"]))
-    sweeps = [each for each in present_sweeps(page.results)] + [s for s in sweeps if s not in _known(page.results)]
+    sweeps = present_sweeps(page.results)
     charts: dict[str, Any] = {
         "delay": delay_chart(page.completion, page.policies),
         "late": late_chart(page.completion, page.policies),
     }
     for sweep in sweeps:
-        charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep, page.limit)
-        charts[f"auc-{sweep}"] = auc_chart(page.results, sweep)
+        if "," in sweep:
+            charts[f"qoc-{sweep}"] = plane_chart(page.results, page.policies, sweep)
+            charts[f"auc-{sweep}"] = best_chart(page.results, sweep)
+        else:
+            charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep, page.limit)
+            charts[f"auc-{sweep}"] = auc_chart(page.results, sweep)
     sections = [
         Section("policies", "Policies", _policies(page)),
         Section("sweeps", "Sweeps", _sweeps(page.results, sweeps, page.limit)),
@@ -108,10 +112,6 @@ def _faults(page: StudyPage) -> str:
     if len(diverged):
         lines.append(f"{len(diverged)} of {len(page.results)} designs diverged in some run, and were not chosen.")
     return "".join(f'<p class="notice">{line}</p>' for line in lines)
-
-
-def _known(results: pd.DataFrame) -> set[str]:
-    return set(present_sweeps(results))
 
 
 def _facts(page: StudyPage) -> str:
@@ -181,17 +181,26 @@ def _hanging(hanging: Hanging) -> str:
 
 
 def _sweeps(results: pd.DataFrame, sweeps: Sequence[str], limit: float | None) -> str:
-    panels = {
-        sweep: f'<div class="pair">{chart_place(f"qoc-{sweep}", "QoC over deadline and value", keys=True)}'
-        f"{chart_place(f'auc-{sweep}', 'AUC over the deadline', after=auc_legend(results, sweep))}</div>"
-        for sweep in sweeps
-    }
-    counts = {int(results.loc[results["sweep"] == sweep, "value"].nunique()) for sweep in sweeps}
+    panels = {sweep: _panel(results, sweep) for sweep in sweeps}
+    lines = [sweep for sweep in sweeps if "," not in sweep]
+    counts = {int(results.loc[results["sweep"] == sweep, "value"].nunique()) for sweep in lines}
     style = "".join(series_style(count) for count in sorted(counts))
     return (
         f"<style>{style}</style><p>QoC and AUC of every design on the seeds of the choice. The marks are the policies' "
         "choices (star Co-design, circle MinDelay, square MaxRel), the baseline's value is bold, bands are one "
         f"standard error.{_collision_words(limit)}</p>{tabs(panels)}"
+    )
+
+
+def _panel(results: pd.DataFrame, sweep: str) -> str:
+    """The two charts of a sweep."""
+    if "," in sweep:
+        names = ("QoC over two parameters", "QoC of the best combination")
+        return (f'<div class="pair">{chart_place(f"qoc-{sweep}", names[0])}'
+                f"{chart_place(f'auc-{sweep}', names[1])}</div>")  # fmt: skip
+    return (
+        f'<div class="pair">{chart_place(f"qoc-{sweep}", "QoC over deadline and value", keys=True)}'
+        f"{chart_place(f'auc-{sweep}', 'AUC over the deadline', after=auc_legend(results, sweep))}</div>"
     )
 
 

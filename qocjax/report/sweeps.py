@@ -11,7 +11,7 @@ from qocjax.figures.colliding import BREAKS, OPEN, collision_cells
 from qocjax.figures.tables import baseline_index, grid
 from qocjax.report.charts import axis, colour_scale, layout, legend_item, series_uid
 from qocjax.report.html import escape, number, percent, plus_minus
-from qocjax.report.labels import DEADLINE, MARKERS, label, name_of, symbol, value_text
+from qocjax.report.labels import DEADLINE, MARKERS, label, name_of, symbol, value_cell, value_text
 from qocjax.study.reliability import share_text
 
 __all__ = ["auc_chart", "auc_legend", "qoc_chart"]
@@ -119,7 +119,7 @@ def _cells(rows: pd.DataFrame, sweep: str, policies: pd.DataFrame | None) -> lis
             if row.get(column, 0) > 0:
                 notes = f"<br>{text} in {percent(row[column])} of the runs" + notes
         found.append([
-            value_text(sweep, row["value"], with_unit=True), number(1e3 * row["deadline"]),
+            value_cell(row), number(1e3 * row["deadline"]),
             share_text(row["reliability"], row["reliability_se"]), plus_minus(row["qoc"], row["qoc_se"]),
             plus_minus(row["auc"], row["auc_se"], ".3f"),
             plus_minus(row.get("min_distance", np.nan), row.get("min_distance_se", np.nan), ".3f"), notes,

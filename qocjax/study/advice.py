@@ -189,11 +189,11 @@ def _setup(goal: Objective, best: Design) -> dict[str, Any]:
 def _at_edge(plan: Plan, found: Chosen, axis: np.ndarray) -> str:
     """Which bounds of the search the recommended lies at."""
     free = {name: ends for name, ends in plan.box.bounds.items() if name not in found.kept}
-    return at_bounds(asdict(found.design), free, {"deadline": axis.tolist(), "tau": plan.periods.tolist()})
+    return at_bounds(found.design.values(), free, {"deadline": axis.tolist(), "tau": plan.periods.tolist()})
 
 
 def _elasticities(plan: Plan, best: Design) -> pd.DataFrame:
-    names = [name for name in (*plan.box.bounds, "deadline") if float(np.asarray(getattr(best, name))) > 0]
+    names = [name for name in (*plan.box.bounds, "deadline") if float(np.asarray(best.values()[name])) > 0]
     return elasticities(plan.objective, best, plan.beside, names)
 
 
@@ -210,6 +210,8 @@ def plain(values: Any) -> Any:
         return {str(key): plain(value) for key, value in values.items()}
     if isinstance(values, pd.DataFrame):
         return [plain(row) for row in values.to_dict("records")]
+    if isinstance(values, Design):
+        return plain(values.values())
     if hasattr(values, "__dataclass_fields__"):
         return plain(asdict(values))
     if isinstance(values, (list, tuple)):

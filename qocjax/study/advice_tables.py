@@ -14,7 +14,7 @@ from qocjax.study.margins import Margin, deadline_margin
 from qocjax.study.objective import Objective
 from qocjax.study.robust import Chosen
 from qocjax.study.search import stacked
-from qocjax.study.shortlist import NAMES, along_deadlines
+from qocjax.study.shortlist import along_deadlines
 from qocjax.study.statistics import share
 from qocjax.study.stress import of_runs
 from qocjax.study.target import Target, collision_excess
@@ -45,9 +45,9 @@ def judged_of(
     for k in range(len(named) - 1, len(scores.values)):
         gap = (scores[k] - scores[3]).mean()
         if gap.given.high >= 0.0:
-            values = {name: float(np.asarray(getattr(designs, name))[k]) for name in NAMES}
+            values = {name: float(np.asarray(value)[k]) for name, value in designs.values().items()}
             tied.append(values | {"qoc": float(scores[k].values.mean())} | gap.columns("difference"))
-    return pd.DataFrame(table), pd.DataFrame(tied).drop_duplicates(NAMES, ignore_index=True)
+    return pd.DataFrame(table), pd.DataFrame(tied).drop_duplicates(list(designs.names), ignore_index=True)
 
 
 def curves_of(

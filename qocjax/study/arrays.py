@@ -66,7 +66,8 @@ def _write_sweep(group: Any, runs: xr.Dataset) -> None:
         target.attrs.update(axis.attrs)
         target[...] = values
     for name, metric in runs.data_vars.items():
-        shape = (1, metric.shape[1], min(metric.shape[2], _CHUNK_SEEDS), *metric.shape[3:])
+        sizes = dict(zip(metric.dims, metric.shape, strict=True))
+        shape = (1, *(min(size, _CHUNK_SEEDS) if dim == "seed" else size for dim, size in list(sizes.items())[1:]))
         target = group.create_array(
             name, shape=metric.shape, chunks=shape, dtype=metric.dtype, dimension_names=metric.dims
         )

@@ -7,7 +7,7 @@ import numpy as np
 from qocjax.network.cell import CellNetwork
 from qocjax.network.computing import computations_at_once
 from qocjax.network.interface import Load, Network
-from qocjax.study.chunks import Problem
+from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of
 from qocjax.study.sweep import Study
 

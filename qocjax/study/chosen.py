@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from qocjax.scenario import Design
+from qocjax.scenario import DESIGN, Design
 
-__all__ = ["design_of", "place_of"]
+__all__ = ["design_at", "design_of", "place_of"]
 
 
 def design_of(results: pd.DataFrame, choice: Mapping[str, Any]) -> Design:
@@ -28,7 +27,13 @@ def design_of(results: pd.DataFrame, choice: Mapping[str, Any]) -> Design:
             f"'{choice['sweep']}', expected one of the rows of the results"
         )
     point = results[same].iloc[0]
-    return Design(**{item.name: float(point[item.name]) for item in fields(Design)})
+    return design_at(point)
+
+
+def design_at(row: pd.Series) -> Design:
+    """The design of a row of a study's results."""
+    names = list(row.index)
+    return Design.of({name: float(row[name]) for name in names[names.index(DESIGN[0]) : names.index("reliability")]})
 
 
 def place_of(runs: xr.Dataset, design: Design) -> int:
@@ -37,7 +42,7 @@ def place_of(runs: xr.Dataset, design: Design) -> int:
     Raises:
         ValueError: It does not.
     """
-    same = [np.isclose(runs[item.name].values, getattr(design, item.name)) for item in fields(Design)]
+    same = [np.isclose(runs[name].values, value) for name, value in design.values().items()]
     found = np.flatnonzero(np.all(same, axis=0))
     if not found.size:
         raise ValueError(f"runs: got none of {design}, expected the runs of the same study")

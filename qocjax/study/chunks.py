@@ -9,46 +9,26 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from qocjax.batch.evaluate import evaluate
 from qocjax.batch.layout import LANES
-from qocjax.controllers import Controller
-from qocjax.network.interface import Network
-from qocjax.network.schedule import Rules
-from qocjax.scenario import Design, Scenario, num_ticks
+from qocjax.scenario import Design, num_ticks
 from qocjax.store.provenance import made_with
+from qocjax.study.problem import Problem
 
-__all__ = ["CHUNK_STEPS", "Chunk", "Engine", "Failure", "Part", "Problem", "Result", "compute", "plan"]
+__all__ = ["CHUNK_STEPS", "Chunk", "Engine", "Failure", "Part", "Result", "compute", "plan", "steps_of"]
 
 # Robot-steps of a chunk: about half a second of one core.
 CHUNK_STEPS = 1e8
 
 # Of a controller that is costly a chunk has that many times fewer: a minute of one core with the navigation stack.
 _COSTLY = 1000
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is simulated, whole: what every chunk of a study needs beside its own description.
-
-    Attributes:
-        configuration: The resolved options that it was built from, plain values (JSON), from which another process
-            builds it again with `qocjax.config.build_problem`; None where it was built by hand.
-    """
-
-    scenario: Scenario
-    designs: Design  # each value [G]
-    network: Network
-    rules: Rules
-    key: int
-    controller: Controller | None = None
-    configuration: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -63,8 +43,7 @@ class Part:
         """The designs of this part, each value an array."""
         if self.designs is None:
             return problem.designs
-        places = list(self.designs)
-        return Design(**{item.name: np.asarray(getattr(problem.designs, item.name))[places] for item in fields(Design)})
+        return problem.designs.at(list(self.designs))
 
 
 @dataclass(frozen=True)
@@ -126,10 +105,12 @@ def compute(problem: Problem, chunk: Chunk, pool: Executor | None = None) -> Res
     Raises:
         ValueError: What `evaluate` raises.
     """
+    values = chunk.part.values(problem)
+    members, setup = next(each for each in problem.groups(values) if chunk.designs[0] in each[0])
     runs = evaluate(
-        problem.scenario, chunk.part.values(problem), problem.network, chunk.part.seeds,
-        rules=problem.rules, key=problem.key, controller=problem.controller,
-        only=(chunk.designs, range(*chunk.seeds)), pool=pool,
+        setup.scenario, problem.numbers(values.at(members)), setup.network, chunk.part.seeds,
+        rules=setup.rules, key=problem.key, controller=setup.controller,
+        only=(np.searchsorted(members, chunk.designs).tolist(), range(*chunk.seeds)), pool=pool,
     )  # fmt: skip
     return Result({str(name): runs[name].values for name in runs.data_vars}, dict(runs.attrs), made_with())
 
@@ -144,21 +125,32 @@ def plan(problem: Problem, part: Part, chunk_steps: float = CHUNK_STEPS) -> list
     """
     target = max(1.0, chunk_steps / (_COSTLY if problem.controller is not None and problem.controller.costly else 1))
     values = part.values(problem)
-    tau, deadline = (np.broadcast_to(a, np.shape(values.tau)) for a in (values.tau, values.deadline))
-    periods, place = np.unique(tau, return_inverse=True)
-    steps = np.array([num_ticks(problem.scenario.horizon, period) for period in periods])[place]
-    steps = steps * problem.scenario.num_robots  # of each design and seed
+    steps = steps_of(problem, values)
     lanes = min(len(part.seeds), LANES)
-    atoms = list(_atoms(tau, deadline, steps * lanes, target))
-    weights = np.array([int(steps[atom].sum()) for atom in atoms])
-    blocks = _seed_blocks(len(part.seeds), lanes * max(1, int(target // (weights.sum() * lanes))))
-    pieces = [np.sort(np.concatenate([atoms[k] for k in piece])) for piece in _packed(weights * lanes, target)]
+    blocks = _seed_blocks(len(part.seeds), lanes * max(1, int(target // (steps.sum() * lanes))))
+    pieces: list[np.ndarray] = []
+    for members, _ in problem.groups(values):  # a chunk is of one set-up
+        tau, deadline = (np.broadcast_to(a, len(steps))[members] for a in (values.tau, values.deadline))
+        atoms = [members[atom] for atom in _atoms(tau, deadline, steps[members] * lanes, target)]
+        weights = np.array([int(steps[atom].sum()) for atom in atoms])
+        pieces += [np.sort(np.concatenate([atoms[k] for k in piece])) for piece in _packed(weights * lanes, target)]
     designs = [(tuple(piece.tolist()), int(steps[piece].sum())) for piece in pieces]
     rectangles = [(seeds, piece, each) for seeds in blocks for piece, each in designs]
     return [
         _named(number, part, piece, seeds, each * (seeds[1] - seeds[0]))
         for number, (seeds, piece, each) in enumerate(rectangles)
     ]
+
+
+def steps_of(problem: Problem, designs: Design) -> np.ndarray:
+    """Robot-steps of each design with one seed, [G]."""
+    tau = np.broadcast_to(designs.tau, np.size(designs.tau))
+    steps = np.empty(tau.size, int)
+    for members, setup in problem.groups(designs):
+        periods, place = np.unique(tau[members], return_inverse=True)
+        ticks = np.array([num_ticks(setup.scenario.horizon, period) for period in periods])[place]
+        steps[members] = ticks * setup.scenario.num_robots
+    return steps
 
 
 def _atoms(tau: np.ndarray, deadline: np.ndarray, steps: np.ndarray, target: float) -> Iterator[np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,12 +11,13 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
-from qocjax.scenario import Design
 from qocjax.study.chosen import design_of, place_of
+from qocjax.study.grid import axes_of
 from qocjax.study.scales import StudyScale, measured_scale
 from qocjax.study.scores import Scored, Scores, seed_scores, unpaired_scores
 from qocjax.study.statistics import Estimate, estimate, standard_error
 from qocjax.study.sweep import Study
+from qocjax.study.table import names_in
 from qocjax.study.units import units_in
 
 __all__ = ["Comparison", "compare"]
@@ -169,6 +170,7 @@ def _rows(judged: _Judged, reference: _Judged, together: bool) -> Iterator[dict[
             gap, is_paired = _gap(judged, reference, key, together)
         yield {
             "study": judged.name, "sweep": key[0], "policy": key[1], "value": row["value"],
+            **{axis: row[axis] for axis in axes_of(key[0]) if axis in row},
             "deadline": row["deadline"], "reliability": row["reliability"], **choice.score.mean().columns("qoc"),
             "qoc_own_scale": row["qoc"], "auc": cost.mean, "auc_se": cost.se,
             **gap.columns("difference"), "paired": is_paired,
@@ -192,12 +194,13 @@ def _curves(name: str, study: Study, scale: QocScale) -> pd.DataFrame:
     """QoC of the best value at each deadline of each sweep, on the seeds of the choice."""
     runs = study.runs
     scores = np.concatenate([seed_scores(part, scale) for part in _auc_blocks(runs)])
-    names = [item.name for item in fields(Design)]
+    names = names_in(runs)
     designs = pd.DataFrame({each: runs[each].values for each in names})
     designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores, units=units_in(runs))
     rows = study.results[["sweep", "value", "reliability", *names]].merge(designs, on=names, how="left")
+    axes = list(dict.fromkeys(axis for sweep in rows["sweep"].unique() for axis in axes_of(sweep) if "," in sweep))
     best = rows.dropna(subset=["qoc"]).groupby(["sweep", "deadline"], sort=False)["qoc"].idxmax()
-    kept = rows.loc[best, ["sweep", "deadline", "value", "reliability", "qoc", "qoc_se"]].reset_index(drop=True)
+    kept = rows.loc[best, ["sweep", "deadline", "value", *axes, "reliability", "qoc", "qoc_se"]].reset_index(drop=True)
     kept.insert(0, "study", name)
     return kept
 

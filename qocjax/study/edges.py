@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from qocjax.study.grid import axes_of
+
 __all__ = ["at_bounds", "bounds_text", "edges_of", "edges_text"]
 
 _CLOSE = 0.05  # of a range in its own scale; so near to its end is at its end
@@ -22,7 +24,9 @@ def edges_of(rows: pd.DataFrame, choice: Mapping[str, Any] | pd.Series, policy: 
         choice: Its value and deadline, NaN for none.
         policy: MinDelay and MaxRel take an end of the deadlines by their rule, which says nothing.
     """
-    axes = {str(rows["sweep"].iloc[0]): "value"} | ({"deadline": "deadline"} if policy == "Co-design" else {})
+    swept = axes_of(str(rows["sweep"].iloc[0]))
+    axes = {swept[0]: "value"} if len(swept) == 1 else {name: name for name in swept}
+    axes |= {"deadline": "deadline"} if policy == "Co-design" else {}
     found = []
     for name, column in axes.items():
         low, high = rows[column].min(), rows[column].max()
@@ -65,7 +69,7 @@ def edges_text(policies: pd.DataFrame) -> str:
     at: dict[str, list[str]] = {}
     for row in policies.to_dict("records"):
         for end in filter(None, row["at_edge"].split(", ")):
-            name = end if end.endswith(f" {row['sweep']}") else f"{end} in {row['sweep']}"
+            name = f"{end} in {row['sweep']}" if end.endswith(" deadline") or "," in row["sweep"] else end
             at.setdefault(name, []).append(row["policy"])
     ends = "; ".join(f"{end} ({', '.join(names)})" for end, names in at.items())
     return f"at an end of what was tried, the best may lie beyond: {ends}" if ends else ""

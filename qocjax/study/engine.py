@@ -9,7 +9,8 @@ import jax
 
 from qocjax._xla import num_workers
 from qocjax.batch.ahead import side_by_side
-from qocjax.study.chunks import Chunk, Failure, Problem, Result, compute
+from qocjax.study.chunks import Chunk, Failure, Result, compute
+from qocjax.study.problem import Problem
 
 __all__ = ["LocalEngine", "failure_of"]
 

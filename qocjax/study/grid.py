@@ -1,16 +1,18 @@
-"""One-at-a-time sweeps: which designs a study simulates (model, section 6)."""
+"""Sweeps: which designs a study simulates, one parameter at a time or several at once (model, section 6)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
 import numpy as np
 
 from qocjax import _checks
 from qocjax.scenario import Design
 
-__all__ = ["SWEPT", "Grid", "one_at_a_time"]
+__all__ = ["SWEPT", "Grid", "axes_of", "full_grid", "one_at_a_time", "value_words"]
 
 SWEPT = ("v_max", "eta", "tau", "kappa", "gamma", "c_miss")
 
@@ -21,7 +23,7 @@ class Grid:
 
     designs: Design  # each value [G]
     sweep: np.ndarray  # [R] name of the parameter that is swept
-    value: np.ndarray  # [R] its value
+    value: np.ndarray  # [R] its value; of several parameters the place among all their combinations
     deadline: np.ndarray  # [R] s
     design: np.ndarray  # [R] index into the designs
 
@@ -31,34 +33,82 @@ class Grid:
         return members.reshape(len(np.unique(self.value[members])), -1)
 
 
+def axes_of(sweep: str) -> tuple[str, ...]:
+    """The parameters that a sweep varies: one, or with `kappa,gamma` each of them."""
+    return tuple(sweep.split(","))
+
+
+def value_words(row: Mapping[str, Any], prefix: str = "") -> str:
+    """The value of a row of results or policies for a reader; of several parameters each one's, in their order.
+
+    Args:
+        row: With its sweep and the column `value`, or a column for each of several parameters.
+        prefix: Of these columns.
+    """
+    axes = axes_of(str(row["sweep"]))
+    columns = ["value"] if len(axes) == 1 else axes
+    return ", ".join(f"{row[f'{prefix}{name}']:g}" for name in columns)
+
+
 def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadlines: Sequence[float]) -> Grid:
     """Each parameter over its grid and every deadline, the others at their baseline.
 
     Args:
         baseline: Numbers; its deadline is not read.
-        grids: Values by parameter name, of `SWEPT` or any other value of a design but the deadline.
+        grids: Values by parameter name, of `SWEPT` or any other value of the baseline but the deadline.
         deadlines: The deadline axis (s).
 
     Raises:
         ValueError: An unknown parameter, an empty grid or axis, a repeated or bad value.
     """
-    for item in fields(Design):
-        _checks.numbers(f"baseline.{item.name}", getattr(baseline, item.name), ())
-    axis = _axis("deadline", deadlines, least=0.0)
-    names = tuple(item.name for item in fields(Design) if item.name != "deadline")
+    axes = _checked(baseline, grids)
+    points = [(name, value, {name: value}) for name, values in axes.items() for value in values]
+    return _grid(baseline, points, _axis("deadline", deadlines, least=0.0))
+
+
+def full_grid(baseline: Design, grids: Mapping[str, Sequence[float]], deadlines: Sequence[float]) -> Grid:
+    """Every combination of the values of several parameters with every deadline: one sweep, named after all of them.
+
+    Args:
+        baseline: Numbers; its deadline is not read.
+        grids: Values by parameter name, the last one running fastest.
+        deadlines: The deadline axis (s).
+
+    Raises:
+        ValueError: What `one_at_a_time` raises.
+    """
+    axes = _checked(baseline, grids)
+    name = ",".join(axes)
+    combined = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
+    points = [(name, float(at), values) for at, values in enumerate(combined)]
+    if len(axes) == 1:
+        points = [(name, values[name], values) for values in combined]
+    return _grid(baseline, points, _axis("deadline", deadlines, least=0.0))
+
+
+def _checked(baseline: Design, grids: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+    """The sorted values of each parameter."""
+    for name, value in baseline.values().items():
+        _checks.numbers(f"baseline.{name}", value, ())
+    names = tuple(name for name in baseline.names if name != "deadline")
     if not grids:
         raise ValueError(f"grids: got none, expected at least one of {', '.join(names)}")
+    for name in grids:
+        _checks.choice("grids", name, names)
+    return {name: _axis(name, values).tolist() for name, values in grids.items()}
+
+
+def _grid(baseline: Design, points: Iterable[tuple[str, float, dict[str, float]]], axis: np.ndarray) -> Grid:
+    """Rows of points with every deadline: the sweep, its value, and what differs from the baseline."""
+    own = {name: float(np.asarray(value)) for name, value in baseline.values().items()}
     rows: list[tuple[str, float, float, int]] = []
     index: dict[tuple[float, ...], int] = {}
-    for name, values in grids.items():
-        _checks.choice("grids", name, names)
-        for value in _axis(name, values):
-            for deadline in axis:
-                point = replace(baseline, **{name: float(value), "deadline": float(deadline)})
-                place = index.setdefault(tuple(float(v) for v in asdict(point).values()), len(index))
-                rows.append((name, value, deadline, place))
+    for name, value, changed in points:
+        for deadline in axis.tolist():
+            place = index.setdefault(tuple((own | changed | {"deadline": deadline}).values()), len(index))
+            rows.append((name, value, deadline, place))
     columns = np.array(list(index), np.float64).T
-    designs = Design(**{item.name: column for item, column in zip(fields(Design), columns, strict=True)})
+    designs = Design.of(dict(zip(own, columns, strict=True)))  # raises where a value is none of a design
     return Grid(designs, *(np.array(column) for column in zip(*rows, strict=True)))
 
 

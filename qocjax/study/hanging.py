@@ -20,8 +20,8 @@ from qocjax.controllers import Apf
 from qocjax.network import kth_5g_network, paper_network
 from qocjax.network.edge import Edge
 from qocjax.network.schedule import Rules
-from qocjax.scenario import Design, Scenario
-from qocjax.study.chunks import Problem
+from qocjax.scenario import DESIGN, Design, Scenario
+from qocjax.study.problem import Problem
 
 __all__ = ["Hanging", "departures", "hanging_of"]
 
@@ -169,14 +169,14 @@ def _of_scenario(scenario: Scenario) -> list[_Choice] | None:
 def _of_design(problem: Problem, sweeps: Sequence[str]) -> list[_Choice] | None:
     """The baseline is what most designs hold; a parameter that alone is swept has none."""
     found: list[_Choice] = []
-    for item in fields(Design):
-        if item.name == "deadline" or [item.name] == list(sweeps):
+    for name in DESIGN:
+        if name == "deadline" or [name] == list(sweeps):
             continue
-        values, counts = np.unique(getattr(problem.designs, item.name), return_counts=True)
+        values, counts = np.unique(getattr(problem.designs, name), return_counts=True)
         value = float(values[counts.argmax()])
-        if np.isclose(value, getattr(Design(), item.name)):
+        if np.isclose(value, getattr(Design(), name)):
             continue
-        if item.name != "d_safe":
+        if name != "d_safe":
             return None
         found.append(_Choice("controller.d_safe", f"{value:g}"))
     return found

@@ -12,6 +12,7 @@ import xarray as xr
 from qocjax.quality import QocScale
 from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
+from qocjax.study.grid import axes_of
 from qocjax.study.parts import PartRuns
 from qocjax.study.scores import Scores
 from qocjax.study.statistics import estimate, share
@@ -57,15 +58,16 @@ def judged_policies(
         place, first, free = (None if row is None else places[row] for row in (pick.row, base[pick.sweep], pick.free))
         point = results.loc[pick.row] if pick.row is not None else dict.fromkeys(results.columns, np.nan)
         line: dict[str, Any] = {"sweep": pick.sweep, "policy": pick.policy}
-        line |= {name: point[name] for name in ("value", "deadline", "reliability", "reliability_se")}
+        axes = _joint(pick.sweep)
+        line |= {name: point[name] for name in ("value", *axes, "deadline", "reliability", "reliability_se")}
         line |= {"qoc_selection": point["qoc"]} | shown.metrics(place) | shown.gap(place, first)
         line["within_limit"] = limit is None or bool(pick.kept and line["collision_high"] <= limit)
         line |= {"seeds": units.size, "at_edge": edges_of(results[results["sweep"] == pick.sweep], point, pick.policy)}
         if limit is not None:
             other = shown.metrics(free)
             if pick.free is not None:
-                other |= {name: results.loc[pick.free, name] for name in ("value", "deadline")}
-            line |= {f"unconstrained_{name}": other.get(name, np.nan) for name in _FREE}
+                other |= {name: results.loc[pick.free, name] for name in ("value", *axes, "deadline")}
+            line |= {f"unconstrained_{name}": other.get(name, np.nan) for name in (*_FREE, *axes)}
         if place is None:
             line["error"] = "every design diverged or failed"
         elif place in evaluation.failed:
@@ -73,6 +75,12 @@ def judged_policies(
         table.append(line)
     frame = pd.DataFrame(table)
     return (frame.fillna({"error": ""}) if "error" in frame else frame), chosen
+
+
+def _joint(sweep: str) -> tuple[str, ...]:
+    """The parameters of a sweep of several; none of one alone, whose value says it."""
+    axes = axes_of(sweep)
+    return axes if len(axes) > 1 else ()
 
 
 class _Shown:

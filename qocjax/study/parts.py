@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,8 @@ import xarray as xr
 
 from qocjax.store.gathered import Piece, gathered
 from qocjax.store.memory import Shelf
-from qocjax.study.chunks import Chunk, Engine, Failure, Part, Problem, Result, plan
+from qocjax.study.chunks import Chunk, Engine, Failure, Part, Result, plan
+from qocjax.study.problem import Problem
 
 __all__ = ["PartRuns", "run_part"]
 
@@ -63,7 +64,7 @@ def run_part(
         OSError: Results cannot be written.
     """
     chunks = plan(problem, part, chunk_steps)
-    values = {name: np.asarray(array, np.float64) for name, array in asdict(part.values(problem)).items()}
+    values = {name: np.asarray(array, np.float64) for name, array in part.values(problem).values().items()}
     missing = [chunk for chunk in chunks if not shelf.holds(chunk.name, chunk.describe())]
     absent = {chunk.name for chunk in missing}
     for chunk in chunks:

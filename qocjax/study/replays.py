@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -18,6 +18,8 @@ from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
 from qocjax.simulate import Run, simulate
 from qocjax.study.chosen import design_of, place_of
+from qocjax.study.grid import axes_of
+from qocjax.study.problem import Problem
 from qocjax.study.replay import replay
 from qocjax.study.sweep import Study
 
@@ -32,7 +34,7 @@ class PolicyRun:
 
     sweep: str
     policy: str
-    value: float
+    values: Mapping[str, float]  # `value`, or that of each parameter of a sweep of several
     design: Design
     reliability: float
     seed: int
@@ -77,30 +79,18 @@ def replays(
             hold_decay=rules.hold_decay, controller=controller, key=jax.random.wrap_key_data(words),
         )  # fmt: skip
 
-    values = [asdict(design) for design in designs]
-    stacked = Design(**{name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
+    values = [design.values() for design in designs]
+    stacked = Design.of({name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
     runs = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(stacked, jnp.asarray(lanes)))
     return [_cut(jax.tree.map(lambda a, k=k: a[k], runs), count) for k, count in enumerate(ticks)]
 
 
-def policy_runs(
-    study: Study,
-    scenario: Scenario,
-    network: Network,
-    *,
-    rules: Rules | None = None,
-    key: int = 0,
-    controller: Controller | None = None,
-) -> list[PolicyRun]:
+def policy_runs(study: Study, problem: Problem) -> list[PolicyRun]:
     """A run of each policy's choice, all on one seed: the median one of the first.
 
     Args:
         study: What chose. Of many sweeps with many robots only the best are run again.
-        scenario: As of the study.
-        network: As of the study.
-        rules: As of the study.
-        key: As of the study.
-        controller: As of the study; of a costly one the first sweep only is run again.
+        problem: What it simulated; with a costly controller the first sweep only is run again.
 
     Returns:
         The sweeps whose best choice keeps the limit on collisions first, of these the ones without any, then by its
@@ -110,24 +100,41 @@ def policy_runs(
     joint = found[found["policy"] == "Co-design"]
     unsafe = ~joint["within_limit"].astype(bool)
     order = {"collision_share": 2 * unsafe + (joint["collision_share"] > 0), "qoc": -joint["qoc"]}
-    most = _MOST_STEPS if controller is None or not controller.costly else 0
+    most = 0 if problem.controller is not None and problem.controller.costly else _MOST_STEPS
     chosen: list[tuple[dict[str, Any], Design]] = []
     for sweep in joint.assign(**order).sort_values(["collision_share", "qoc"], kind="stable")["sweep"]:
         rows = found[found["sweep"] == sweep].to_dict("records")
         more = chosen + [(row, design_of(study.results, row)) for row in rows]
         shortest = min(float(np.asarray(design.tau)) for _, design in more)
-        if chosen and len(more) * scenario.num_robots * scenario.horizon / shortest > most:
+        if chosen and len(more) * problem.scenario.num_robots * problem.scenario.horizon / shortest > most:
             break
         chosen = more
     if not chosen:
         return []
     seed = _median_seed(study, chosen[0][1])
-    designs = [design for _, design in chosen]
-    runs = replays(scenario, designs, network, seed, rules=rules, key=key, controller=controller)
+    runs = _in_setups(problem, [design for _, design in chosen], seed)
     return [
-        PolicyRun(row["sweep"], row["policy"], row["value"], design, row["reliability"], seed, run)
+        PolicyRun(row["sweep"], row["policy"], _values(row), design, row["reliability"], seed, run)
         for (row, design), run in zip(chosen, runs, strict=True)
     ]
+
+
+def _values(row: Mapping[str, Any]) -> dict[str, float]:
+    axes = axes_of(row["sweep"])
+    return {name: float(row[name]) for name in (("value",) if len(axes) == 1 else axes)}
+
+
+def _in_setups(problem: Problem, designs: Sequence[Design], seed: int) -> list[Run]:
+    """`replays` of designs, those of one set-up together."""
+    stacked = Design.of({name: np.array([float(np.asarray(each.values()[name])) for each in designs])
+                         for name in designs[0].names})  # fmt: skip
+    found: dict[int, Run] = {}
+    for places, setup in problem.groups(stacked):
+        own = [problem.numbers(designs[k]) for k in places]
+        runs = replays(setup.scenario, own, setup.network, seed, rules=setup.rules, key=problem.key,
+                       controller=setup.controller)  # fmt: skip
+        found |= dict(zip(places.tolist(), runs, strict=True))
+    return [found[k] for k in range(len(designs))]
 
 
 def _draw(

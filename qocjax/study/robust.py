@@ -8,7 +8,7 @@ stated changes is the largest; and of its gains each that makes no difference go
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -148,14 +148,14 @@ def _given_back(finalists: Design, current: Design, names: Sequence[str]) -> lis
     """The first finalists with one of the user's gains each: a search that is blind to them passes them by."""
     count = min(np.size(finalists.deadline), _GAINS)
     first = take(finalists, list(range(count)))
-    return [replace(first, **{name: np.full(count, float(getattr(current, name)))}) for name in names]
+    return [first.having({name: np.full(count, float(current.values()[name]))}) for name in names]
 
 
 def _least_change(bench: _Bench, start: _Start, current: Design, names: Sequence[str]) -> Design:
     """Gives gains back, one at a time, as long as neither mean nor worst QoC nor safety are told to suffer."""
     best, floor = start.design, start.worst * (1.0 - _CLOSE)
     while left := [name for name in names if float(getattr(best, name)) != float(getattr(current, name))]:
-        trials = [replace(best, **{name: float(getattr(current, name))}) for name in left]
+        trials = [best.having({name: float(current.values()[name])}) for name in left]
         designs = stacked([*trials, *[best] * (len(names) - len(trials))])  # of one size: one program
         runs = bench.objective.runs(designs, bench.seeds)
         scores, upper = bench.objective.judged(runs), bench.upper(runs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ class Box:
         if not self.bounds:
             raise ValueError(f"bounds: got none, expected at least one of {', '.join(CONTINUOUS)}")
         for name, ends in self.bounds.items():
-            _checks.choice("bounds", name, CONTINUOUS)
+            _checks.choice("bounds", name, (*CONTINUOUS, *self.baseline.others))
             low, high = _checks.bounded(f"bounds.{name}", np.asarray(ends, float), least=0, shape=(2,))
             if not low < high:
                 raise ValueError(f"bounds.{name}: got [{low:g}, {high:g}], expected the first below the second")
@@ -46,8 +46,8 @@ class Box:
 
     def designs(self, unit: np.ndarray, deadlines: np.ndarray) -> Design:
         """Designs [P] with a deadline (s) each."""
-        rest = {name: np.full(len(unit), value) for name, value in asdict(self.baseline).items()}
-        return Design(**rest | self.values(unit) | {"deadline": np.asarray(deadlines, float)})
+        rest = {name: np.full(len(unit), value) for name, value in self.baseline.values().items()}
+        return Design.of(rest | self.values(unit) | {"deadline": np.asarray(deadlines, float)})
 
     def points(self, count: int, rng: np.random.Generator, extra: int = 0) -> np.ndarray:
         """Scrambled Sobol points [count, K + extra] of the unit cube; count a power of two."""
@@ -79,17 +79,17 @@ def elasticities(
         ValueError: An unknown parameter, or one at 0.
     """
     _checks.bounded("step", step, above=0)
-    known = [item.name for item in fields(Design)]
+    known = design.values()
     values = {}
     for name in names:
         _checks.choice("names", name, known)
-        values[name] = float(_checks.bounded(name, getattr(design, name), above=0, shape=()))
-    columns = {name: [float(np.asarray(getattr(design, name)))] for name in known}
+        values[name] = float(_checks.bounded(name, known[name], above=0, shape=()))
+    columns = {name: [float(np.asarray(value))] for name, value in known.items()}
     for name in values:
         for sign in (-1, 1):
             for other, column in columns.items():
                 column.append(column[0] * (np.exp(sign * step) if other == name else 1.0))
-    scores = objective.scores(Design(**{name: np.array(column) for name, column in columns.items()}), seeds)
+    scores = objective.scores(Design.of({name: np.array(column) for name, column in columns.items()}), seeds)
     units = objective.units(seeds, design.tau)
     rows = []
     for k, (name, value) in enumerate(values.items()):

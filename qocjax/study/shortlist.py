@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from qocjax.study.sensitivity import Box
 from qocjax.study.statistics import share as share_of
 from qocjax.study.sweep import qoc_by_seed
 
-__all__ = ["NAMES", "Effort", "along_deadlines", "row", "shortlist"]
-
-NAMES = [item.name for item in fields(Design)]
+__all__ = ["Effort", "along_deadlines", "row", "shortlist"]
 
 
 @dataclass(frozen=True)
@@ -113,10 +111,10 @@ def _crossed(box: Box, unit: np.ndarray, axis: np.ndarray) -> Design:
 
 def along_deadlines(current: Design, axis: np.ndarray) -> Design:
     """One design with every deadline (s)."""
-    values = {name: np.full(axis.size, float(np.asarray(getattr(current, name)))) for name in NAMES}
-    return Design(**values | {"deadline": axis})
+    values = {name: np.full(axis.size, float(np.asarray(value))) for name, value in current.values().items()}
+    return Design.of(values | {"deadline": axis})
 
 
 def row(designs: Design, index: int) -> Design:
     """One design of a group, as numbers."""
-    return Design(**{name: float(np.asarray(getattr(designs, name))[index]) for name in NAMES})
+    return Design.of({name: float(np.asarray(value)[index]) for name, value in designs.values().items()})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,20 +16,20 @@ from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
-from qocjax.scenario import Design, Scenario
+from qocjax.scenario import Scenario
 from qocjax.store.memory import InMemory, Shelf
 from qocjax.study.choosing import picks, places_of
-from qocjax.study.chunks import CHUNK_STEPS, Engine, Part, Problem
+from qocjax.study.chunks import CHUNK_STEPS, Engine, Part
 from qocjax.study.engine import LocalEngine
-from qocjax.study.grid import Grid
+from qocjax.study.grid import Grid, axes_of
 from qocjax.study.judging import judged_policies
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, min_delay
-from qocjax.study.reliability import reliability_of
+from qocjax.study.problem import Problem
 from qocjax.study.scales import LARGEST, largest_auc, measured_scale
-from qocjax.study.table import qoc_by_seed, results_table
+from qocjax.study.table import names_in, qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
-from qocjax.study.units import units_of, with_units
+from qocjax.study.units import with_units
 
 __all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
 
@@ -52,21 +52,20 @@ class Study:
     configuration: Mapping[str, Any] | None = None  # the resolved options, where it was made from such
 
     def sweep(self, name: str) -> xr.Dataset:
-        """The selection runs of one sweep over (<name>, deadline, seed, robot).
+        """The selection runs of one sweep over (<name>, deadline, seed, robot); of several axes over each of them.
 
         Raises:
             ValueError: There is no such sweep.
         """
         _checks.choice("name", name, dict.fromkeys(self.results["sweep"]))
         rows = self.results[self.results["sweep"] == name]
-        names = [item.name for item in fields(Design)]
+        names = names_in(self.runs)
         points = zip(*(_nine(self.runs[each].values) for each in names), strict=True)
         at = {point: place for place, point in enumerate(points)}
         places = [at[point] for point in zip(*(_nine(rows[each].to_numpy()) for each in names), strict=True)]
-        values, deadlines = rows["value"].unique(), rows["deadline"].unique()
-        grid = xr.DataArray(np.reshape(places, (len(values), len(deadlines))), dims=(name, "deadline"))
+        axes = {axis: rows[axis].unique() for axis in (*axes_of(name), "deadline")}
+        grid = xr.DataArray(np.reshape(places, [len(values) for values in axes.values()]), dims=tuple(axes))
         runs = self.runs.drop_vars(names).isel(design=grid)
-        axes = {name: values, "deadline": deadlines}
         return runs.assign_coords({axis: (axis, given, {"units": unit_of(axis)}) for axis, given in axes.items()})
 
 
@@ -163,15 +162,16 @@ def study_of(
         _checks.bounded("max_collision_share", max_collision_share, least=0, most=1)
     _checks.bounded("chunk_steps", chunk_steps, above=0)
     _checks.choice("j_max_of", j_max_of, LARGEST)
-    reliability = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau)
+    reliability = problem.reliability()
     for sweep in dict.fromkeys(grid.sweep):  # raises before anything is simulated
         shares = reliability.share[grid.design[grid.rows(sweep)]]
         min_delay(np.zeros(shares.shape), shares, min_reliability)
     rest = (shelf or InMemory(), engine or LocalEngine(), chunk_steps, progress)
     first = run_part(problem, Part("selection", selection), *rest)
-    horizon, tau = problem.scenario.horizon, problem.designs.tau
-    units = [units_of(problem.network, seeds, problem.key, horizon, tau) for seeds in (selection, evaluation)]
-    scale = scale or measured_scale(lambda: _auc_parts(first), units[0], largest_auc(problem.scenario, j_max_of))
+    units = [problem.units(seeds) for seeds in (selection, evaluation)]
+    most = [largest_auc(setup.scenario, j_max_of) for _, setup in problem.groups(problem.designs)]
+    largest = None if None in most else max(each for each in most if each is not None)
+    scale = scale or measured_scale(lambda: _auc_parts(first), units[0], largest)
     results = results_table(first.runs, grid, reliability, scale, first.failed, units[0])
     chosen = picks(results, grid, min_reliability, max_collision_share)
     at = places_of(chosen, grid)

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from qocjax.batch.evaluate import UNITS
+from qocjax.batch.evaluate import unit_of
 from qocjax.network.interface import Reliability
 from qocjax.quality import QocScale
-from qocjax.scenario import Design
 from qocjax.study.grid import Grid
 from qocjax.study.scores import seed_scores
 from qocjax.study.statistics import standard_error
 
-__all__ = ["qoc_by_seed", "results_table", "sound", "column_units"]
+__all__ = ["names_in", "qoc_by_seed", "results_table", "sound", "column_units"]
 
 # Metrics of a run that are averaged over robots and seeds and reported with their standard error.
 _AVERAGED = ("auc", "min_distance", "path_length", "effort", "completed_share", "age_mean", "age_peak")
 
 # Numbers of one metric that are held at once, where one design alone has no more.
 _BLOCK = 1 << 21
+
+
+def names_in(runs: xr.Dataset) -> list[str]:
+    """Names of the values of the designs of runs."""
+    return [str(name) for name, axis in runs.coords.items() if axis.dims == ("design",) and name != "design"]
 
 
 def qoc_by_seed(runs: xr.Dataset, scale: QocScale) -> np.ndarray:
@@ -52,7 +55,7 @@ def results_table(
     """
     blocks = [(places, _by_design(runs.isel(design=places).load(), scale, units)) for places in _blocks(runs)]
     designs = pd.concat([table.set_index(places) for places, table in blocks]).sort_index()
-    place = [item.name for item in fields(Design)]
+    place = names_in(runs)
     designs.insert(len(place), "reliability", reliability.share)
     designs.insert(len(place) + 1, "reliability_se", reliability.error)
     if failed:
@@ -78,7 +81,7 @@ def sound(results: pd.DataFrame, policies: pd.DataFrame) -> tuple[pd.DataFrame, 
 def column_units(table: pd.DataFrame) -> dict[str, str]:
     """Unit of each column of a table of results or policies; 1 for shares, scores and counts."""
     plain = {name: name.removesuffix("_se") for name in table.columns}
-    units = {name: UNITS.get(base, "1") for name, base in plain.items()}
+    units = {name: unit_of(base) for name, base in plain.items()}
     text = {name: "" for name in table.columns if name in ("sweep", "policy", "error", "at_edge")}
     return units | text | {name: "unit of the swept parameter" for name in table.columns if name == "value"}
 
@@ -91,7 +94,7 @@ def _blocks(runs: xr.Dataset) -> Iterator[np.ndarray]:
 
 
 def _by_design(runs: xr.Dataset, scale: QocScale, units: np.ndarray | None) -> pd.DataFrame:
-    designs = pd.DataFrame({item.name: runs[item.name].values for item in fields(Design)})
+    designs = pd.DataFrame({name: runs[name].values for name in names_in(runs)})
     scores = qoc_by_seed(runs, scale)
     designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores, units=units)
     for name in _AVERAGED:

@@ -11,11 +11,13 @@ import xarray as xr
 
 from qocjax.quality import QocScale
 from qocjax.study.choosing import Pick
-from qocjax.study.grid import Grid
+from qocjax.study.grid import Grid, axes_of, value_words
 from qocjax.study.statistics import standard_error, student
 from qocjax.study.table import qoc_by_seed
 
 __all__ = ["tie_columns", "tie_lines"]
+
+_SHOWN = 12  # values in a line
 
 
 def tie_columns(
@@ -59,14 +61,20 @@ def tie_columns(
 def tie_lines(policies: pd.DataFrame) -> list[str]:
     """What Co-design could as well have chosen, a line for each sweep where there is such."""
     lines = []
-    for row in policies[(policies["policy"] == "Co-design") & policies["qoc"].notna()].itertuples():
-        ends = [1e3 * row.tied_deadline_low, 1e3 * row.tied_deadline_high]
+    for row in policies[(policies["policy"] == "Co-design") & policies["qoc"].notna()].to_dict("records"):
+        ends = [1e3 * row["tied_deadline_low"], 1e3 * row["tied_deadline_high"]]
         stretch = f"{ends[0]:g} ms" if ends[0] == ends[1] else f"{ends[0]:g} to {ends[1]:g} ms"
-        values = str(row.tied_values).split()
+        values = str(row["tied_values"]).split()
         if len(values) > 1 or ends[0] != ends[1]:
-            lines.append(f"{row.sweep}: {', '.join(values)}; at {row.value:g} any deadline from {stretch}"
-                         if ends[0] != ends[1] else f"{row.sweep}: {', '.join(values)}")  # fmt: skip
+            text = f"{row['sweep']}: {_listed(values)}"
+            own = value_words(row).replace(", ", "/")
+            lines.append(f"{text}; at {own} any deadline from {stretch}" if ends[0] != ends[1] else text)
     return lines
+
+
+def _listed(values: Sequence[str]) -> str:
+    """Values in a line; of many combinations the first."""
+    return ", ".join(values[:_SHOWN]) + (f" and {len(values) - _SHOWN} more" if len(values) > _SHOWN else "")
 
 
 def _ties(equal: Callable[[np.ndarray, int], np.ndarray], grid: Grid, qoc: np.ndarray, pick: Pick) -> dict[str, Any]:
@@ -84,9 +92,18 @@ def _ties(equal: Callable[[np.ndarray, int], np.ndarray], grid: Grid, qoc: np.nd
     low, high = _about(along, deadline)
     axis = grid.deadline[rows[0]][low : high + 1]
     return {
-        "tied_values": " ".join(f"{each:g}" for each in grid.value[rows[:, 0]][values]),
+        "tied_values": " ".join(_words(grid, row) for row in rows[values, 0]),
         "tied_deadline_low": float(axis.min()), "tied_deadline_high": float(axis.max()),
     }  # fmt: skip
+
+
+def _words(grid: Grid, row: int) -> str:
+    """The value of a row of a grid, those of several parameters with strokes between them."""
+    axes = axes_of(str(grid.sweep[row]))
+    if len(axes) == 1:
+        return f"{grid.value[row]:g}"
+    own = grid.designs.values()
+    return "/".join(f"{own[name][grid.design[row]]:g}" for name in axes)
 
 
 def _about(along: np.ndarray, place: int) -> tuple[int, int]:

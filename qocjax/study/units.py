@@ -21,7 +21,7 @@ from qocjax.network.trace import replayed_trace
 from qocjax.study.recorded import network_keys
 
 __all__ = [
-    "judged_apart", "rows_of_stretch", "seeds_apart", "seeds_in", "study_remark", "trace_remark",
+    "joined", "judged_apart", "rows_of_stretch", "seeds_apart", "seeds_in", "study_remark", "trace_remark",
     "units_in", "units_of", "with_units",
 ]  # fmt: skip
 
@@ -110,6 +110,23 @@ def seeds_apart(network: Any, key: int, counts: Sequence[int], horizon: float, t
     even = np.flatnonzero(~odd)
     ends = np.cumsum([0, *counts[:-1]]).tolist()
     return [*(even[a:b].tolist() for a, b in pairwise(ends)), np.flatnonzero(odd)[: counts[-1]].tolist()]
+
+
+def joined(labels: Sequence[np.ndarray]) -> np.ndarray:
+    """One observation where any of several labellings [S] of the same seeds has one: labels of their finest cover."""
+    if all(np.array_equal(each, labels[0]) for each in labels):
+        return labels[0]
+    found, seeds = np.arange(labels[0].size), np.arange(labels[0].size)
+    for _ in seeds:
+        before = found
+        for each in labels:
+            _, place = np.unique(each, return_inverse=True)
+            least = np.full(place.max() + 1, seeds.size)
+            np.minimum.at(least, place, found)
+            found = least[place]
+        if np.array_equal(before, found):
+            break
+    return -1 - found
 
 
 def with_units(runs: xr.Dataset, units: np.ndarray) -> xr.Dataset:

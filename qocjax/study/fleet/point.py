@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 
 from qocjax.network.estimate import usage
-from qocjax.scenario import Design
-from qocjax.study.chosen import place_of
-from qocjax.study.chunks import Problem
+from qocjax.study.chosen import design_at, place_of
+from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of
 from qocjax.study.scores import Scores
 from qocjax.study.statistics import share as share_of
@@ -40,12 +39,12 @@ def point_of(study: Study, problem: Problem) -> Point:
     best = study.policies[(study.policies["sweep"] == BEST) & (study.policies["policy"] == "Co-design")].iloc[0]
     deadline, robots = float(best["deadline"]), problem.scenario.num_robots
     at = study.results[(study.results["sweep"] == BEST) & (study.results["deadline"] == deadline)].iloc[0]
-    design = Design(**{name: float(at[name]) for name in Design.__dataclass_fields__})
+    design = design_at(at)
     k = place_of(study.evaluation, design)
     units = units_in(study.evaluation)
     judged = Scores.of(study.evaluation["auc"].values[k], study.scale, units)
     collided = study.evaluation["collided"].values[k].astype(bool)
-    load = load_of(problem.scenario, float(design.tau))  # type: ignore[arg-type]
+    load = load_of(problem.scenario, float(np.asarray(design.tau)))
     share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)
     hits = share_of(collided, units, like=judged.values)
     row: dict[str, Any] = {

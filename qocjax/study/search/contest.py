@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -89,7 +89,7 @@ def _judge_policies(problem: Problem, picks: pd.DataFrame, seeds: range) -> tupl
     """The policies' designs on fresh seeds, and the QoC of the best of them (as chosen) by seed."""
     if picks.empty:
         return picks, None
-    designs = Design(**{item.name: picks[item.name].to_numpy(float) for item in fields(Design)})
+    designs = Design.of({name: picks[name].to_numpy(float) for name in problem.space.baseline.names})
     judged = judge(problem, designs, seeds)
     return pd.concat([picks[["policy", "sweep", "simulations"]], judged.table], axis=1), judged.scores[0]
 
@@ -118,25 +118,24 @@ def _judge_curve(problem: Problem, found: list[Found], seeds: range) -> pd.DataF
             rows.append({"method": one.method, "repetition": one.repetition, "simulations": int(spent[place]),
                          "final": bool(place == len(spent) - 1)})  # fmt: skip
             designs.append(one.history[place][1])
-    names = ["score", "qoc", "collision_share", "excess", "feasible", *[item.name for item in fields(Design)]]
+    names = ["score", "qoc", "collision_share", "excess", "feasible", *problem.space.baseline.names]
     table = _judge_distinct(problem, stacked(designs), seeds[: max(2, len(seeds) // 2)])
     return pd.concat([pd.DataFrame(rows), table[names]], axis=1)
 
 
 def _judge_distinct(problem: Problem, designs: Design, seeds: range) -> pd.DataFrame:
     """`judge`, with equal designs simulated once."""
-    values = np.stack([np.asarray(getattr(designs, item.name)) for item in fields(Design)], axis=1)
-    distinct, inverse = np.unique(values, axis=0, return_inverse=True)
-    return judge(problem, Design(*distinct.T), seeds).table.iloc[inverse.ravel()].reset_index(drop=True)
+    values = np.stack([np.asarray(value) for value in designs.values().values()], axis=1)
+    _, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
+    return judge(problem, designs.at(first), seeds).table.iloc[inverse.ravel()].reset_index(drop=True)
 
 
 def _ties(problem: Problem, found: list[Found], place: int, seeds: range) -> pd.DataFrame:
     """Among all choices and the chosen search's finalists, those that tie with the chosen design."""
     designs = stacked([found[place].design, *[one.design for one in found], found[place].finalists])
-    values = np.stack([np.asarray(getattr(designs, item.name)) for item in fields(Design)], axis=1)
+    values = np.stack([np.asarray(value) for value in designs.values().values()], axis=1)
     _, first = np.unique(values, axis=0, return_index=True)
-    kept = np.sort(first)  # the chosen one stays in front
-    judged: Judged = judge(problem, Design(*values[kept].T), seeds)
+    judged: Judged = judge(problem, designs.at(np.sort(first)), seeds)  # the chosen one stays in front
     kept_rows = tie_set(problem, judged, 0)
     gaps = [problem.measure.difference(judged.scores[k], judged.scores[0]).given for k in range(len(judged.table))]
     table = judged.table.assign(better=[gap.low > 0.0 for gap in gaps])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import pandas as pd
@@ -26,9 +26,8 @@ class Judged:
 
 def stacked(designs: Sequence[Design]) -> Design:
     """Several sets of designs as one."""
-    parts = [np.concatenate([np.atleast_1d(getattr(design, item.name)) for design in designs])
-             for item in fields(Design)]  # fmt: skip
-    return Design(*parts)
+    values = [design.values() for design in designs]
+    return Design.of({name: np.concatenate([np.atleast_1d(each[name]) for each in values]) for name in values[0]})
 
 
 def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | None = None) -> Judged:
@@ -47,7 +46,7 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | N
         paired intervals. `within_limit`: feasible, and even the upper end of the collision share keeps its limit.
     """
     scores, collided = problem.judged(designs, seeds)
-    table = pd.DataFrame({item.name: np.asarray(getattr(designs, item.name), float) for item in fields(Design)})
+    table = pd.DataFrame({name: np.asarray(value, float) for name, value in designs.values().items()})
     count, measure = len(table), problem.measure
     found = [measure.interval(scores[k]).columns("score") for k in range(count)]
     table = pd.concat([table, pd.DataFrame(found)], axis=1)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pandas as pd
 
-from qocjax.scenario import Design
 from qocjax.study.grid import Grid
 from qocjax.study.policies import MIN_RELIABILITY, POLICIES
 from qocjax.study.search.trial import Problem
@@ -51,7 +48,7 @@ def policy_designs(
             choices.append((table[value, deadline], sweep, int(grid.design[members[value, deadline]])))
         if choices:
             score, sweep, place = max(choices)
-            values = {item.name: float(getattr(grid.designs, item.name)[place]) for item in fields(Design)}
+            values = {name: float(np.asarray(value)[place]) for name, value in grid.designs.values().items()}
             head = {"policy": name, "sweep": sweep, "simulations": scores.size, "chosen_at": float(score)}
             rows.append(head | values)
     return pd.DataFrame(rows).sort_values("chosen_at", ascending=False, ignore_index=True) if rows else pd.DataFrame()

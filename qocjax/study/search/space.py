@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +21,7 @@ class Space:
     A continuous value with a positive lower bound moves in log scale, one that may be zero in linear scale.
 
     Attributes:
-        bounds: Lower and upper bound by name, of `CONTINUOUS`.
+        bounds: Lower and upper bound by name, of `CONTINUOUS` or of what the baseline holds beside.
         tau: Sampling periods to choose from (s).
         deadline: Lower and upper bound (s), or with `deadline_axis` the values to choose from.
         deadline_axis: Whether the deadline comes from a list.
@@ -38,9 +38,9 @@ class Space:
         if not self.bounds:
             raise ValueError(f"bounds: got none, expected at least one of {', '.join(CONTINUOUS)}")
         for name, pair in self.bounds.items():
-            _checks.choice("bounds", name, CONTINUOUS)
+            _checks.choice("bounds", name, (*CONTINUOUS, *self.baseline.others))
             _check_pair(f"bounds.{name}", pair)
-            replace(self.baseline, **{name: np.asarray(pair, float)})  # raises where a bound is no value of a design
+            self.baseline.having({name: np.asarray(pair, float)})  # raises where a bound is no value of a design
         object.__setattr__(self, "tau", _distinct("tau", self.tau, above=0.0))
         if self.deadline_axis:
             object.__setattr__(self, "deadline", _distinct("deadline", self.deadline, least=0.0))
@@ -79,15 +79,16 @@ class Space:
     def designs(self, units: np.ndarray) -> Design:
         """The designs [G] of points [G, D]."""
         points = np.clip(np.atleast_2d(np.asarray(units, np.float64)), 0.0, 1.0)
-        values = {item.name: np.full(len(points), float(np.asarray(getattr(self.baseline, item.name))))
-                  for item in fields(Design)}  # fmt: skip
+        values = {
+            name: np.full(len(points), float(np.asarray(value))) for name, value in self.baseline.values().items()
+        }
         for axis, name in enumerate(self.bounds):
             values[name] = _between(points[:, axis], self.bounds[name])
         values["deadline"] = (
             _pick(points[:, -2], self.deadline) if self.deadline_axis else _between(points[:, -2], self.deadline)
         )
         values["tau"] = _pick(points[:, -1], self.tau)
-        return Design(**values)
+        return Design.of(values)
 
     def slopes(self, units: np.ndarray) -> np.ndarray:
         """Derivative of each continuous value in its coordinate, [G, number of bounds]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -183,4 +183,4 @@ class Trial:
 
 def take(designs: Design, rows: list[int] | np.ndarray) -> Design:
     """Some designs of several."""
-    return Design(**{item.name: np.asarray(getattr(designs, item.name))[rows] for item in fields(Design)})
+    return designs.at(rows)

@@ -40,7 +40,7 @@ class Problem:
         points = np.asarray(free, np.float64).reshape(len(self.deadlines), -1, len(self.bounds))
         values = self.bounds.values(points).reshape(-1, len(self.bounds))
         deadlines = np.repeat(self.deadlines, points.shape[1])
-        return replace(self.baseline, **dict(zip(self.bounds.names, values.T, strict=True)), deadline=deadlines)
+        return self.baseline.having(dict(zip(self.bounds.names, values.T, strict=True)) | {"deadline": deadlines})
 
     def scores(self, free: np.ndarray, seeds: Sequence[int]) -> np.ndarray:
         """QoC by seed of points [G, K, d] or [G, d]: [G, K, S] or [G, S]."""
@@ -108,7 +108,7 @@ class _RobotSlopes:
         values = {name: jnp.broadcast_to(getattr(design, name), shape) for name in self.names}
 
         def auc(values: dict[str, Array]) -> Array:
-            return metrics(scenario, replace(design, **values), drawn, ticks, plan)["auc"]
+            return metrics(scenario, design.having(values), drawn, ticks, plan)["auc"]
 
         basis = {
             name: jnp.zeros((len(self.names), *shape), start.dtype).at[k].set(1.0) for k, name in enumerate(self.names)

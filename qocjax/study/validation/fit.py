@@ -9,7 +9,7 @@ derivatives of single runs are left out: over 30 s their mean over seeds is of n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -121,9 +121,8 @@ class _CurveProblem(Problem):
             places = np.array(numbers) % len(measured.seeds)
             numbers, values = [measured.seeds[k] for k in places], np.stack(measured.values)[:, places]
         axis, size = measured.delays, np.shape(designs.kappa)[0]
-        crossed = {item.name: np.repeat(np.asarray(getattr(designs, item.name), float), axis.size)
-                   for item in fields(Design)}  # fmt: skip
-        every = Design(**crossed | {"deadline": np.tile(axis, size)})
+        crossed = {name: np.repeat(np.asarray(value, float), axis.size) for name, value in designs.values().items()}
+        every = Design.of(crossed | {"deadline": np.tile(axis, size)})
         distinct, back = np.unique(numbers, return_inverse=True)
         runs = evaluate(setting.scenario, every, goal.network, distinct.tolist(), rules=goal.rules, key=goal.key)
         goal.simulations += runs.sizes["design"] * runs.sizes["seed"]
@@ -178,5 +177,5 @@ def fit(
     known = [len(each.measured.seeds) for each in settings if each.measured.seeds is not None]
     found = find(problem, method, budget, repetition=repetition, key=key, block=min(max(known, default=8), 32))
     gains = {name: float(np.asarray(getattr(found.design, name))[0]) for name in space.bounds}
-    return Fit(replace(baseline, **gains), gains, method, found.spent, 100.0 - found.fitness,
+    return Fit(baseline.having(gains), gains, method, found.spent, 100.0 - found.fitness,
                at_bounds(gains, space.bounds, {}))  # fmt: skip
