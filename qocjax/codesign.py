@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,13 @@ from qocjax.config import load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.scale import yardstick
 from qocjax.figures.codesign import draw_codesign
+from qocjax.figures.quantities import short_name
 from qocjax.quality import QocScale
-from qocjax.scenario import DESIGN, Design
+from qocjax.scenario import Design
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.capacity import at_once_text
 from qocjax.study.edges import bounds_text
+from qocjax.study.grid import Grid
 from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.pareto import demand_front, worker_front
 from qocjax.study.reliability import load_of
@@ -43,6 +45,7 @@ class Codesign:
     workers: pd.DataFrame | None  # best design for each number of workers; None where it was left out
     scale: QocScale
     simulations: int  # of everything
+    names: tuple[str, ...]  # of what was searched, but the deadline
 
 
 def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = False) -> Codesign:
@@ -56,12 +59,9 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
     Raises:
         ValueError: A value of the configuration is out of range.
     """
-    config.surrogate_only()
-    problem, grid, methods = _problem(config), config.build_grid(), config.search.methods
+    problem, grid, methods = _problem(config), _beside(config), config.search.methods
     sweep_seeds, judge_seeds = (len(seeds) for seeds in config.seeds())
-    for method in [*methods, *([config.front.method] if config.front else [])]:
-        if method not in METHODS:
-            raise ValueError(f"search.methods: got {method!r}, expected some of {', '.join(METHODS)}")
+    _check_methods(config, problem)
     _check_scarce(config, problem)
     parts = len(methods) * config.search.repetitions + 3
     with tqdm(total=parts, desc="co-design", file=sys.stderr, disable=True if quiet else None) as bar:
@@ -73,7 +73,7 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
         contest = compete(
             problem, methods, config.search.budget, config.search.repetitions, grid, sweep_seeds, judge_seeds,
             min_reliability=config.sweep.min_reliability, key=config.key, block=config.search.block,
-            progress=progress,
+            choice_seeds=config.search.choice_seeds, progress=progress,
         )  # fmt: skip
         progress("front of QoC against demand")
         front = workers = None
@@ -84,7 +84,8 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
             front = demand_front(problem, seeds=seeds, also=also, against=config.front.against, **options)
             if config.front.workers:
                 workers = worker_front(problem, workers=config.front.workers, seeds=seeds, **options)
-    found = Codesign(contest, front, workers, problem.objective.scale, problem.objective.simulations)
+    names = (*problem.space.bounds, "tau")
+    found = Codesign(contest, front, workers, problem.objective.scale, problem.objective.simulations, names)
     if folder is not None:
         _write(found, config, problem, folder)
         if config.figures:
@@ -92,6 +93,28 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
             draw_codesign(contest.curve, contest.policies, front, folder / "figures", measure=config.search.measure,
                           against=against, workers=workers)  # fmt: skip
     return found
+
+
+def _beside(config: CodesignConfig) -> Grid:
+    """The one-at-a-time sweeps that searches are compared with, on the values that the space holds."""
+    if config.apart():
+        raise ValueError(f"sweep.grids: got {', '.join(config.apart())}, expected parameters that a program takes as "
+                         "arrays, which a search can change")  # fmt: skip
+    grid, names = config.build_grid(), config.build_space().baseline.names
+    if beside := [name for name in grid.designs.names if name not in names]:
+        raise ValueError(f"sweep.grids: got {', '.join(beside)}, expected bounds of it in search.bounds too")
+    rest = config.baseline_with(names).values()
+    return replace(grid, designs=Design.of({**rest, **grid.designs.values()}).at(slice(None)))
+
+
+def _check_methods(config: CodesignConfig, problem: Problem) -> None:
+    """Checks the methods' names, and that what differentiates runs can."""
+    costly = problem.objective.controller is not None and problem.objective.controller.costly
+    known = [name for name in METHODS if not (costly and name.endswith("gradient"))]
+    for method in [*config.search.methods, *([config.front.method] if config.front else [])]:
+        if method not in known:
+            why = f", as controller={config.controller.law} has no derivative" if method in METHODS else ""
+            raise ValueError(f"search.methods: got {method!r}, expected some of {', '.join(known)}{why}")
 
 
 def _check_scarce(config: CodesignConfig, problem: Problem) -> None:
@@ -116,13 +139,16 @@ def _problem(config: CodesignConfig) -> Problem:
     space, measure, limits, traffic = (
         config.build_space(), config.build_measure(), config.limits.build(), config.traffic.build()
     )  # fmt: skip
+    controller = config.build_controller()
     config.check_rate(network, min(*space.tau, *np.asarray(config.build_grid().designs.tau)))
     scale = config.scale()
     if scale is None:
         seeds = range(FIRST["pilot"], FIRST["pilot"] + config.sweep.seeds)
         axis = [ms / 1e3 for ms in config.sweep.deadline_ms]
-        scale = pilot_scale(scenario, network, config.baseline(), axis, seeds, rules=rules, key=config.key)
-    return Problem(Objective(scenario, network, scale, rules, config.key), space, limits, traffic, measure)
+        scale = pilot_scale(scenario, network, config.baseline(), axis, seeds, rules=rules, key=config.key,
+                            controller=controller)  # fmt: skip
+    objective = Objective(scenario, network, scale, rules, config.key, controller=controller)
+    return Problem(objective, space, limits, traffic, measure)
 
 
 def summary(found: Codesign, measure: str = "mean", limit: float | None = None) -> str:
@@ -139,15 +165,14 @@ def summary(found: Codesign, measure: str = "mean", limit: float | None = None) 
     table[f"{name} [95 %]"] = [f"{r.score:.4f} [{r.score_low:.4f}, {r.score_high:.4f}]" for r in rows.itertuples()]
     table["collisions [95 %]"] = [f"{r.collision_share:.1%} [{r.collision_low:.1%}, {r.collision_high:.1%}]"
                                   for r in rows.itertuples()]  # fmt: skip
-    for parameter in ("v_max", "eta", "kappa", "gamma", "c_miss", "tau"):
-        table[parameter] = rows[parameter].map("{:.3g}".format)
+    for parameter in found.names:
+        table[short_name(parameter)] = rows[parameter].map("{:.3g}".format)
     table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)
     table["[with J_med's error]"] = [f"[{r.score_whole_low:.4f}, {r.score_whole_high:.4f}]" for r in rows.itertuples()]
     shown = rows["within_limit"].astype(bool)
     table["collisions [95 %]"] += np.where(shown, "", " !")
     lines = [table.to_string(index=False), *([] if shown.all() else ["! not shown to keep the limits"]), ""]
-    names = [name for name in best.index if name in DESIGN or "." in str(name)]
-    design = ", ".join(f"{name} = {best[name]:.4g} {printed_unit(name)}".strip() for name in names)
+    design = ", ".join(f"{name} = {best[name]:.4g} {printed_unit(name)}".strip() for name in (*found.names, "deadline"))
     if not best["kept_at_choice"]:
         lines.append(f"Infeasible: no design that was met keeps the limits. The least violated one breaks them by "
                      f"{best['excess_at_choice']:.3g} (relative excess, summed): {design}")  # fmt: skip

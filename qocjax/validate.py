@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from qocjax._command import command, output_dir
 from qocjax.config import load
+from qocjax.config.bounds import built_bounds
 from qocjax.config.validate import CsvConfig, RecordedConfig, Simulated, ValidateConfig
 from qocjax.figures.save import save
 from qocjax.figures.validation import calibration_figure, validation_figure
@@ -148,7 +149,7 @@ def _calibrate(config: ValidateConfig, network: Network, measured: Curve, quiet:
     assert options is not None
     known, held_out = halves(measured)
     common = {"rules": config.loop.build(), "key": config.key}
-    bounds = options.bounds.build("calibrate.bounds")
+    bounds = built_bounds("calibrate.bounds", options.bounds, config, limited=False)
     if not quiet:
         print("fitting gains", file=sys.stderr)
     fitted = fit([Setting("E", scenario, known)], config.baseline(), network, bounds, method=options.method,

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from qocjax import _checks
-from qocjax.config.bounds import BoundsConfig
+from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
@@ -61,7 +61,7 @@ class AdviseOptions(Part):
     max_collision_share: float
     objective: str
     tau_ms: list[float]
-    bounds: BoundsConfig
+    bounds: Bounds
     slowest: float | None
     points: int
     rounds: list[int]
@@ -97,8 +97,8 @@ class AdviseConfig(SimulationConfig):
 
     def current(self) -> Design:
         """The design in use: the configured gains at the configured deadline, or the default one."""
-        given = self.advise.deadline_ms
-        return self.baseline() if given is None else replace(self.baseline(), deadline=given / 1e3)
+        given, own = self.advise.deadline_ms, self.baseline_with(self.bounds())
+        return own if given is None else replace(own, deadline=given / 1e3)
 
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Parameters that may change; speed caps stay within the robot's.
@@ -106,7 +106,7 @@ class AdviseConfig(SimulationConfig):
         Raises:
             ValueError: Not two numbers, or more than the robot can do.
         """
-        found, slowest = self.advise.bounds.build("advise.bounds"), self.advise.slowest
+        found, slowest = built_bounds("advise.bounds", self.advise.bounds, self, limited=False), self.advise.slowest
         if slowest is not None:
             _checks.bounded("advise.slowest", slowest, above=0, most=1)
             if "v_max" not in found and slowest < 1:

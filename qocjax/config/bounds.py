@@ -1,45 +1,56 @@
-"""Bounds of the continuous parameters of a design, as a part of a configuration."""
+"""Bounds of the parameters that a search may change, as a part of a configuration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Annotated
 
-from qocjax.config.part import Part
+import numpy as np
+from pydantic import BeforeValidator
 
-__all__ = ["BoundsConfig"]
+from qocjax.config.options import flat
+from qocjax.config.simulation import SimulationConfig
+from qocjax.scenario import CONTINUOUS
+from qocjax.tunables import design_name
+
+__all__ = ["Bounds", "built_bounds"]
+
+# By name in a design or in the configuration, such as `controller.mppi.temperature`; null leaves a parameter alone.
+Bounds = Annotated[dict[str, list[float] | None], BeforeValidator(flat)]
 
 
-class BoundsConfig(Part):
-    """Between what each parameter may lie; null leaves it alone."""
+def built_bounds(
+    option: str, given: Mapping[str, list[float] | None], config: SimulationConfig, limited: bool = True
+) -> dict[str, tuple[float, float]]:
+    """Lower and upper bounds of the parameters that may change, by name in a design.
 
-    kappa: list[float] | None
-    gamma: list[float] | None
-    eta: list[float] | None
-    c_miss: list[float] | None
-    v_max: list[float] | None
-    omega_max: list[float] | None
-    d_safe: list[float] | None
+    Args:
+        option: That holds them, for messages.
+        given: From the configuration.
+        config: With the robot, whose limits end upper bounds, and the law, which says what it declares.
+        limited: Whether the robot's limits end them.
 
-    def build(self, name: str, limit: Callable[[str], float | None] = lambda parameter: None
-              ) -> dict[str, tuple[float, float]]:  # fmt: skip
-        """Lower and upper bounds of the parameters that may change.
-
-        Args:
-            name: Of this part, for messages.
-            limit: What the robot can do at most, where upper bounds end.
-
-        Raises:
-            ValueError: Not two numbers, the first below the second.
-        """
-        found = {}
-        for parameter in type(self).model_fields:
-            ends = getattr(self, parameter)
-            if ends is None:
-                continue
-            if len(ends) != 2 or not ends[0] < ends[1]:
-                raise ValueError(f"{name}.{parameter}: got {ends}, expected [low, high] with low < high, or null")
-            most = limit(parameter)
-            if most is not None and ends[0] >= most:
-                raise ValueError(f"{name}.{parameter}: got {ends}, expected [low, high] below the robot's {most:g}")
-            found[parameter] = (ends[0], ends[1] if most is None else min(ends[1], most))
-        return found
+    Raises:
+        ValueError: An unknown name, one that the law does not read or that no program takes as an array, or not two
+            numbers, the first below the second.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    free = {design_name(name): ends for name, ends in given.items() if ends is not None}
+    declared = config.tunables() if any(name not in CONTINUOUS for name in free) else {}
+    unread = config.unread() if free else ()
+    for name, ends in free.items():
+        if name in unread:
+            raise ValueError(f"{option}.{name}: got {ends}, expected null: controller={config.controller.law} does not "
+                             "read it")  # fmt: skip
+        if name not in CONTINUOUS and not (name in declared and declared[name].array):
+            known = ", ".join([*CONTINUOUS, *(each for each, own in declared.items() if own.array and "." in each)])
+            raise ValueError(f"{option}: got {name}, expected one of {known}")
+        if len(ends) != 2 or not ends[0] < ends[1]:
+            raise ValueError(f"{option}.{name}: got {ends}, expected [low, high] with low < high, or null")
+        if name in declared:
+            declared[name].check(np.asarray(ends, float))
+        most = config.robot.limit(name) if limited else None
+        if most is not None and ends[0] >= most:
+            raise ValueError(f"{option}.{name}: got {ends}, expected [low, high] below the robot's {most:g}")
+        found[name] = (ends[0], ends[1] if most is None else min(ends[1], most))
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import ClassVar
 
-from qocjax.config.bounds import BoundsConfig
+from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
 from qocjax.config.study import SweptConfig
 from qocjax.network.demand import Carrier, Traffic
@@ -17,13 +17,14 @@ __all__ = ["CodesignConfig"]
 class SearchConfig(Part):
     """Where a search moves, and with what."""
 
-    bounds: BoundsConfig
+    bounds: Bounds
     tau: list[float]
     deadline_ms: list[float] | None
     methods: list[str]
     budget: int
     repetitions: int
     block: int
+    choice_seeds: int
     measure: str
     tail: float
 
@@ -100,13 +101,9 @@ class CodesignConfig(SweptConfig):
         milliseconds = self.sweep.deadline_ms if self.search.deadline_ms is None else self.search.deadline_ms
         if not axis and len(milliseconds) != 2:
             raise ValueError(f"search.deadline_ms: got {milliseconds}, expected [low, high], or null for the axis")
-        return Space(
-            self.search.bounds.build("search.bounds", self.robot.limit),
-            self.search.tau,
-            [ms / 1e3 for ms in milliseconds],
-            axis,
-            replace(self.baseline(), deadline=milliseconds[0] / 1e3),
-        )
+        bounds = built_bounds("search.bounds", self.search.bounds, self)
+        baseline = replace(self.baseline_with(bounds), deadline=milliseconds[0] / 1e3)
+        return Space(bounds, self.search.tau, [ms / 1e3 for ms in milliseconds], axis, baseline)
 
     def build_measure(self) -> Measure:
         """What is maximised."""

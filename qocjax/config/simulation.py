@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -10,12 +12,14 @@ from pydantic import Field
 from qocjax.acceleration import Acceleration
 from qocjax.config.controller import ControllerConfig, map_of
 from qocjax.config.network import NetworkConfig
+from qocjax.config.options import number_at
 from qocjax.config.part import Part
 from qocjax.controllers import Controller
 from qocjax.navigation import StaticMap
 from qocjax.network import Network, faster_than_measured
 from qocjax.network.schedule import Rules
-from qocjax.scenario import Design, Scenario
+from qocjax.scenario import DESIGN, Design, Scenario
+from qocjax.tunables import LOOP, NETWORK, ROBOT, Tunable, by_name
 
 __all__ = ["SimulationConfig"]
 
@@ -182,6 +186,23 @@ class SimulationConfig(Part):
         if self.scenario.map is None:
             return None
         return map_of(self.build_scenario(), self.scenario.map, release=self.scenario.map_release)
+
+    def tunables(self) -> dict[str, Tunable]:
+        """What the parts declare may be chosen, by name in a design."""
+        return by_name((*ROBOT, *LOOP, *NETWORK, *self.build_controller().tunables))
+
+    def unread(self) -> tuple[str, ...]:
+        """Values of a design that the law does not read."""
+        return self.build_controller().unread
+
+    def baseline_with(self, names: Iterable[str]) -> Design:
+        """The baseline with values of some parameters, by name in a design, beside the model's own.
+
+        Raises:
+            ValueError: One is no number of the configuration.
+        """
+        others = {name: number_at(self, name) for name in names if name not in DESIGN}
+        return replace(self.baseline(), others=others)
 
     def surrogate_only(self) -> None:
         """For commands that need the surrogate law.

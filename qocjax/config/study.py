@@ -20,7 +20,7 @@ from qocjax.scenario import DESIGN, Design
 from qocjax.store.identity import content_digest
 from qocjax.study.grid import Grid, full_grid, one_at_a_time
 from qocjax.study.problem import Problem, Setup
-from qocjax.tunables import LOOP, NETWORK, ROBOT, Tunable, by_name, design_name
+from qocjax.tunables import design_name
 
 __all__ = ["FREE", "StudyConfig", "SweptConfig", "build_problem", "data_of"]
 
@@ -111,10 +111,6 @@ class SweptConfig(SimulationConfig):
         if got not in wanted:
             raise ValueError(f"sweep.grids.{name}: got it with {option}={got}, which does not read it, expected "
                              f"{option}={' or '.join(wanted)}")  # fmt: skip
-
-    def tunables(self) -> dict[str, Tunable]:
-        """What the parts declare may be chosen, by name in a design."""
-        return by_name((*ROBOT, *LOOP, *NETWORK, *self.build_controller().tunables))
 
     def apart(self) -> tuple[str, ...]:
         """Names of what is swept that a compiled program does not take as an array."""

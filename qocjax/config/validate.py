@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from qocjax import _checks
-from qocjax.config.bounds import BoundsConfig
+from qocjax.config.bounds import Bounds
 from qocjax.config.controller import NavigationConfig
 from qocjax.config.ingest import ReadingConfig
 from qocjax.config.part import Part
@@ -95,7 +95,7 @@ class ValidationOptions(Part):
 class CalibrateConfig(Part):
     """Which gains are fitted, and how."""
 
-    bounds: BoundsConfig
+    bounds: Bounds
     method: str
     budget: int
 

@@ -12,7 +12,7 @@ from qocjax import _checks
 from qocjax.scenario import Design
 from qocjax.study.grid import Grid
 from qocjax.study.scores import Scores
-from qocjax.study.search.find import FIRST, Found, find
+from qocjax.study.search.find import CHOICE_SEEDS, FIRST, Found, find
 from qocjax.study.search.judge import Judged, judge, stacked, tie_set
 from qocjax.study.search.policies import policy_designs
 from qocjax.study.search.trial import Problem
@@ -45,6 +45,7 @@ def compete(
     min_reliability: float,
     key: int = 0,
     block: int = 8,
+    choice_seeds: int = CHOICE_SEEDS,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Contest:
     """Runs every method with the same budget, chooses the best design, and judges all on fresh seeds.
@@ -60,6 +61,7 @@ def compete(
         min_reliability: What MinDelay asks of F(Delta).
         key: Root of the random numbers of the methods.
         block: Seeds of one look at a point.
+        choice_seeds: Seeds on which each search chooses among its last points.
         progress: Called with a line before each part.
 
     Raises:
@@ -72,7 +74,8 @@ def compete(
     for repetition in range(_checks.count("repetitions", repetitions)):
         for method in methods:
             progress(f"{method}, repetition {repetition + 1} of {repetitions}")
-            found.append(find(problem, method, budget, repetition=repetition, key=key, block=block))
+            found.append(find(problem, method, budget, repetition=repetition, key=key, block=block,
+                              choice_seeds=choice_seeds))  # fmt: skip
     progress("one-at-a-time sweeps")
     picks = policy_designs(
         problem, grid, range(FIRST["sweep"], FIRST["sweep"] + num_sweep_seeds), min_reliability

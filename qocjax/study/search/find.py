@@ -39,7 +39,16 @@ class Found:
         return self.excess == 0
 
 
-def find(problem: Problem, method: str, budget: int, *, repetition: int = 0, key: int = 0, block: int = 8) -> Found:
+def find(
+    problem: Problem,
+    method: str,
+    budget: int,
+    *,
+    repetition: int = 0,
+    key: int = 0,
+    block: int = 8,
+    choice_seeds: int = CHOICE_SEEDS,
+) -> Found:
     """Searches with a method, then simulates the best points anew on seeds of their own, and takes the best of them.
 
     Args:
@@ -49,12 +58,13 @@ def find(problem: Problem, method: str, budget: int, *, repetition: int = 0, key
         repetition: Number of this search; each has its own random numbers and seeds.
         key: Root of the random numbers of the method.
         block: Seeds of one look at a point.
+        choice_seeds: Seeds of the final choice, on which each of its points is simulated.
 
     Raises:
         ValueError: An unknown method, or a budget that leaves nothing to search with.
     """
     _checks.choice("method", method, METHODS)
-    reserve = _FINALISTS * CHOICE_SEEDS
+    reserve = _FINALISTS * _checks.count("choice_seeds", choice_seeds, least=2)
     least = reserve + 32 * _checks.count("block", block, least=2)
     if _checks.count("budget", budget) < least:
         raise ValueError(f"budget: got {budget} simulations, expected at least {least}, of which {reserve} are for the "
@@ -67,13 +77,13 @@ def find(problem: Problem, method: str, budget: int, *, repetition: int = 0, key
         METHODS[method](trial)
     except BudgetSpentError:
         pass
-    return _choose(trial, method, repetition)
+    return _choose(trial, method, repetition, choice_seeds)
 
 
-def _choose(trial: Trial, method: str, repetition: int) -> Found:
+def _choose(trial: Trial, method: str, repetition: int, choice_seeds: int) -> Found:
     space = trial.problem.space
     finalists = space.designs(np.array([known.unit for known in trial.finalists(_FINALISTS)]))
-    seeds = range(FIRST["choice"], FIRST["choice"] + CHOICE_SEEDS)
+    seeds = range(FIRST["choice"], FIRST["choice"] + choice_seeds)
     scores, collided = trial.problem.simulate(finalists, seeds)
     excess = trial.problem.excess(finalists, collided, cautious=True)
     fitness = trial.problem.fitness(scores, excess)
@@ -81,7 +91,7 @@ def _choose(trial: Trial, method: str, repetition: int) -> Found:
     history: list[tuple[int, Design]] = []
     for spent, unit in trial.history:
         history.append((spent, space.designs(unit)))
-    spent = trial.spent + len(excess) * CHOICE_SEEDS
+    spent = trial.spent + len(excess) * choice_seeds
     chosen = take(finalists, [place])
     history.append((spent, chosen))
     return Found(method, repetition, chosen, float(fitness[place]), float(excess[place]), finalists, history, spent)
