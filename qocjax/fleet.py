@@ -18,7 +18,7 @@ from tqdm import tqdm
 from qocjax._command import command, output_dir, resumed
 from qocjax.config import load
 from qocjax.config.fleet import FleetConfig
-from qocjax.config.study import FREE, data_of
+from qocjax.config.study import FREE
 from qocjax.figures.fleet import draw_fleet
 from qocjax.quality import QocScale
 from qocjax.report.fleet import write_fleet_report
@@ -102,7 +102,7 @@ class _Runner:
         shares = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau).share
         least = min(self.config.fleet.min_reliability, float(shares.max()))
         place = None if self.folder is None else self.folder / PARTS / task.name
-        with study_folder(place, config.identity(), data_of(problem), _note) if place else nullcontext() as shelf:
+        with study_folder(place, config.identity(), problem.data(), _note) if place else nullcontext() as shelf:
             found = study_of(
                 problem, grid, *config.seeds(), min_reliability=least, scale=scale or config.scale(),
                 max_collision_share=config.max_collision_share, shelf=shelf,

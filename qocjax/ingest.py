@@ -19,7 +19,6 @@ from qocjax.quality import QocScale
 from qocjax.recorded import RecordedRun, find_runs, read_run
 from qocjax.recorded.tables import (
     findings_table,
-    group_table,
     reliability_table,
     robot_table,
     run_table,
@@ -29,6 +28,7 @@ from qocjax.recorded.text import run_lines
 from qocjax.robot_seen import limits_values
 from qocjax.store import provenance, write_config, write_json, write_table, write_text
 from qocjax.study.advice import plain
+from qocjax.study.run_groups import group_table
 
 __all__ = ["Ingested", "main", "report", "run"]
 

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from qocjax._command import command, output_dir, resumed
 from qocjax.config import StudyConfig, load
 from qocjax.config.scale import yardstick
-from qocjax.config.study import FREE, data_of
+from qocjax.config.study import FREE
 from qocjax.figures.beside import process_beside
 from qocjax.figures.study import draw_study
 from qocjax.navigation import StaticMap
@@ -70,7 +70,7 @@ def run(
         return _simulate(config, problem, grid, None, quiet)
     if config.arrays:
         check_arrays()
-    with study_folder(folder, config.identity(), data_of(problem), _note) as chunks:
+    with study_folder(folder, config.identity(), problem.data(), _note) as chunks:
         write_config(folder, config.model_dump())
         study = _simulate(config, problem, grid, chunks, quiet)
         for text in change_of(study.made_with):

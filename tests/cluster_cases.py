@@ -17,9 +17,9 @@ from qocjax.study.chunks import Chunk, Failure, Result
 _devices: set[str] = set()
 
 
-def telling(configuration: str, data: str, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
+def telling(recipe: worker.Recipe, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
     """Tells where it ran."""
-    result = worker.run_chunk(configuration, data, chunk, settings)
+    result = worker.run_chunk(recipe, chunk, settings)
     assert isinstance(result, Result)
     process = worker._process.get("only", lambda: None)
     told = {
@@ -32,33 +32,33 @@ def telling(configuration: str, data: str, chunk: Chunk, settings: worker.Settin
     return replace(result, attributes=told)
 
 
-def on_devices(configuration: str, data: str, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
+def on_devices(recipe: worker.Recipe, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
     """Tells on which devices programs of this worker have run; waits a little, so that chunks overlap."""
     if runner.compiled is not _noting:
         runner.compiled = _noting
     time.sleep(0.5)
-    result = worker.run_chunk(configuration, data, chunk, settings)
+    result = worker.run_chunk(recipe, chunk, settings)
     return replace(result, attributes={"devices": sorted(_devices)})
 
 
-def slow(configuration: str, data: str, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
+def slow(recipe: worker.Recipe, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
     """Takes a second more."""
     time.sleep(1.0)
-    return telling(configuration, data, chunk, settings)
+    return telling(recipe, chunk, settings)
 
 
-def deadly(configuration: str, data: str, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
+def deadly(recipe: worker.Recipe, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
     """Ends the worker if it is the second chunk."""
     if chunk.name.startswith("selection-00001-"):
         os.kill(os.getpid(), signal.SIGKILL)
-    return worker.run_chunk(configuration, data, chunk, settings)
+    return worker.run_chunk(recipe, chunk, settings)
 
 
-def too_large(configuration: str, data: str, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
+def too_large(recipe: worker.Recipe, chunk: Chunk, settings: worker.Settings) -> Result | Failure:
     """Runs out of memory in the second chunk."""
     if chunk.name.startswith("selection-00001-"):
         raise MemoryError("no room for 9 GB")
-    return worker.run_chunk(configuration, data, chunk, settings)
+    return worker.run_chunk(recipe, chunk, settings)
 
 
 _compiled = runner.compiled

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +26,9 @@ import psutil
 import qocjax.cluster.engine as dask_engine
 from qocjax.cluster import DaskEngine
 from qocjax.cluster.local import shares
-from qocjax.cluster.worker import run_chunk, settings_here
-from qocjax.config import StudyConfig, conf_dir, load
+from qocjax.cluster.worker import Recipe, run_chunk, settings_here
+from qocjax.config import StudyConfig, build_problem, conf_dir, load
 from qocjax.config.engine import DaskConfig
-from qocjax.config.study import data_of
 from qocjax.study.chunks import Chunk, Failure, Part, Result, plan
 from qocjax.study.engine import LocalEngine
 from qocjax.study.problem import Problem
@@ -144,10 +144,10 @@ def test_a_wrong_problem_ends_the_study(engine: DaskEngine, chunks: list[Chunk])
 
 
 def test_other_measured_data_is_refused(problem: Problem, chunks: list[Chunk], expected: dict[str, Result]) -> None:
-    configuration = json.dumps(problem.configuration)
-    same(run_chunk(configuration, data_of(problem), chunks[0], settings_here()), expected[chunks[0].name])
+    recipe = Recipe(build_problem, json.dumps(problem.configuration), problem.data())
+    same(run_chunk(recipe, chunks[0], settings_here()), expected[chunks[0].name])
     with pytest.raises(ValueError, match="network or map: got other data than the driver's"):
-        run_chunk(json.dumps({**configured("key=1").model_dump()}), "other", chunks[0], settings_here())
+        run_chunk(replace(recipe, data="other"), chunks[0], settings_here())
 
 
 def test_cores_are_shared_out() -> None:

@@ -130,7 +130,9 @@ def test_a_study_of_options_is_its_studies_one_by_one(tmp_path: Path) -> None:
 
 
 def test_several_parameters_make_a_full_grid() -> None:
-    study = run(config("+sweep.grids.kappa=[1,4]", "+sweep.grids.gamma=[2,1,3]", "sweep.axes=[kappa,gamma]"), quiet=True)
+    study = run(
+        config("+sweep.grids.kappa=[1,4]", "+sweep.grids.gamma=[2,1,3]", "sweep.axes=[kappa,gamma]"), quiet=True
+    )
     results, policies = study.results, study.policies
     assert list(results["sweep"].unique()) == ["kappa,gamma"] and len(results) == 2 * 3 * 2
     pairs = results[["kappa", "gamma"]].to_numpy()[::2]

@@ -27,7 +27,7 @@ from qocjax.nav2.command_line import with_nav2
 from qocjax.nav2.document import Document
 from qocjax.nav2.known import CRITICS, DWB, HANDLER, INFLATION, MPPI, RPP, SHIM, SIMPLE_GOAL
 from qocjax.navigation import critics, path_critics
-from qocjax.navigation.stack import STACK_MPPI
+from qocjax.navigation.stack_parts import STACK_MPPI
 
 # As people keep them: comments, quotes, a list over two lines, a flow mapping, integers where Nav2 wants doubles.
 FILE = """\

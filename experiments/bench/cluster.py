@@ -48,7 +48,7 @@ def config(*options: str) -> StudyConfig:
         return load(StudyConfig, compose("sweep", ["sweep=kappa", "figures=false", "report=false", *options]))
 
 
-def canned(configuration: str, data: str, chunk: Chunk, settings: object) -> Result:
+def canned(recipe: object, chunk: Chunk, settings: object) -> Result:
     """In place of a simulation: a result of as many bytes as the chunk has steps."""
     return Result({"auc": np.zeros(chunk.steps // 4, np.float32)}, {}, {})
 

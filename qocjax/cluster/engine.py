@@ -19,8 +19,7 @@ from distributed import Client, Future, LocalCluster
 from distributed.scheduler import KilledWorker
 
 from qocjax.cluster.local import start_local
-from qocjax.cluster.worker import Settings, run_chunk, settings_here
-from qocjax.config.study import data_of
+from qocjax.cluster.worker import Recipe, Settings, run_chunk, settings_here
 from qocjax.study.chunks import Chunk, Failure, Result
 from qocjax.study.engine import failure_of
 from qocjax.study.problem import Problem
@@ -98,11 +97,11 @@ class DaskEngine:
         """
         if not chunks:
             return
-        if problem.configuration is None:
+        if problem.configuration is None or problem.rebuilt is None:
             raise ValueError("problem: got one without its configuration, expected one that workers can build again")
         client = self._connected()
-        configuration, data, settings = json.dumps(problem.configuration), data_of(problem), settings_here(self._pinned)
-        flight = _Flight(client, partial(_submit, client, configuration, data, settings), self._note)
+        recipe = Recipe(problem.rebuilt, json.dumps(problem.configuration), problem.data())
+        flight = _Flight(client, partial(_submit, client, recipe, settings_here(self._pinned)), self._note)
         suspects: list[Chunk] = []
         try:
             for chunk, result in flight.run(chunks):
@@ -231,10 +230,10 @@ def _client(cluster: LocalCluster | str | None) -> Client:
     )
 
 
-def _submit(client: Client, configuration: str, data: str, settings: Settings, chunk: Chunk) -> Future:
+def _submit(client: Client, recipe: Recipe, settings: Settings, chunk: Chunk) -> Future:
     # A key of its own for each attempt: the scheduler remembers which keys it lost workers by.
     key = f"{chunk.name}-{uuid.uuid4().hex}"
-    return client.submit(run_chunk, configuration, data, chunk, settings, key=key, pure=False)
+    return client.submit(run_chunk, recipe, chunk, settings, key=key, pure=False)
 
 
 def _outcomes(client: Client, futures: Sequence[Future]) -> Iterator[tuple[Future, Result | Failure | KilledWorker]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,18 +18,26 @@ from distributed import get_worker
 
 from qocjax._once import Once
 from qocjax._xla import num_workers, request_whole_loop, whole_loop_requested
-from qocjax.config.study import build_problem, data_of
 from qocjax.study.chunks import Chunk, Failure, Result, compute
 from qocjax.study.engine import failure_of
 from qocjax.study.problem import Problem
 
-__all__ = ["Settings", "run_chunk", "settings_here"]
+__all__ = ["Recipe", "Settings", "run_chunk", "settings_here"]
 
 # Settings of JAX that random bits hang on, and where compiled programs are kept; not every JAX has all of them.
 _CACHE = "jax_compilation_cache_dir"
 _OPTIONS = (
     "jax_default_prng_impl", "jax_threefry_partitionable", _CACHE, "jax_persistent_cache_min_compile_time_secs",
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a worker comes to the problem."""
+
+    rebuilt: Callable[[Mapping[str, Any]], Problem]  # sent as its module and name
+    configuration: str  # of the study, as JSON
+    data: str  # digest of what the driver's problem holds beside it
 
 
 @dataclass(frozen=True)
@@ -86,12 +94,11 @@ _process: Once[_Process] = Once()
 _problems: Once[Problem] = Once(capacity=2)
 
 
-def run_chunk(configuration: str, data: str, chunk: Chunk, settings: Settings) -> Result | Failure:
+def run_chunk(recipe: Recipe, chunk: Chunk, settings: Settings) -> Result | Failure:
     """Computes a chunk in a worker, on the device that has least to do.
 
     Args:
-        configuration: Of the study, as JSON; the problem is built from it once in each process.
-        data: Digest of the driver's measured data.
+        recipe: Of the problem, which is built once in each process.
         chunk: Which part of it.
         settings: Of the driver.
 
@@ -102,7 +109,7 @@ def run_chunk(configuration: str, data: str, chunk: Chunk, settings: Settings) -
     _adopt(settings)
     try:
         with jax.enable_x64(settings.x64), process.devices.one() as device, jax.default_device(device):
-            problem = _problems.get((configuration, settings.x64), lambda: _built(configuration, data))
+            problem = _problems.get((recipe, settings.x64), lambda: _built(recipe))
             return compute(problem, chunk, process.pool)
     except (MemoryError, jax.errors.JaxRuntimeError) as error:
         return failure_of(error)
@@ -110,9 +117,9 @@ def run_chunk(configuration: str, data: str, chunk: Chunk, settings: Settings) -
         raise ValueError(f"{error} (at the worker {_address()})") from None
 
 
-def _built(configuration: str, data: str) -> Problem:
-    problem = build_problem(json.loads(configuration))
-    if data_of(problem) != data:
+def _built(recipe: Recipe) -> Problem:
+    problem = recipe.rebuilt(json.loads(recipe.configuration))
+    if problem.data() != recipe.data:
         raise ValueError("network or map: got other data than the driver's, expected the same files on all machines")
     return problem
 

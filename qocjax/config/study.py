@@ -17,12 +17,11 @@ from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.quality import QocScale
 from qocjax.scenario import DESIGN, Design
-from qocjax.store.identity import content_digest
 from qocjax.study.grid import Grid, full_grid, one_at_a_time
 from qocjax.study.problem import Problem, Setup
 from qocjax.tunables import design_name
 
-__all__ = ["FREE", "StudyConfig", "SweptConfig", "build_problem", "data_of"]
+__all__ = ["FREE", "StudyConfig", "SweptConfig", "build_problem"]
 
 # Options that change nothing in the results, so that a study may go on with others.
 FREE = ("engine", "figures", "report", "arrays", "resume", "nav2")
@@ -168,7 +167,7 @@ class StudyConfig(SweptConfig):
         setups = {tuple(values.tolist()): self._setup_with(dict(zip(apart, values.tolist(), strict=True)), own)
                   for values in np.unique(columns, axis=0)}  # fmt: skip
         return Problem(own.scenario, designs, own.network, own.rules, self.key, own.controller, self.model_dump(),
-                       setups, apart)  # fmt: skip
+                       build_problem, setups, apart)  # fmt: skip
 
     def build_setup(self) -> Setup:
         """What programs are made for."""
@@ -197,10 +196,3 @@ def build_problem(configuration: Mapping[str, Any]) -> Problem:
         ValueError: They are no configuration of a study, or a file that they name is missing.
     """
     return StudyConfig.model_validate(configuration).build_problem()
-
-
-def data_of(problem: Problem) -> str:
-    """Digest of what the problem holds beside its options: measured delays, maps."""
-    own = (problem.network, problem.controller)
-    others = {repr(key): (setup.network, setup.controller) for key, setup in problem.setups.items()}
-    return content_digest((*own, others) if others else own)

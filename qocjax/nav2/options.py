@@ -11,7 +11,7 @@ from qocjax.nav2.facts import fact, facts
 from qocjax.nav2.known import CRITICS, HANDLER, MPPI
 from qocjax.nav2.read import NavParams, Plugin
 from qocjax.navigation.mppi_config import MppiConfig
-from qocjax.navigation.stack import STACK_MPPI
+from qocjax.navigation.stack_parts import STACK_MPPI
 
 __all__ = ["NO_HEADING", "critics_of", "stack_options", "stack_values", "to_options"]
 

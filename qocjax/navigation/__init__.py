@@ -29,7 +29,8 @@ from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
 from qocjax.navigation.planner import Path, follow, plan
 from qocjax.navigation.snapshot import Snapshot, snapshot
-from qocjax.navigation.stack import STACK_MPPI, NavigationStack, open_floor
+from qocjax.navigation.stack import NavigationStack, open_floor
+from qocjax.navigation.stack_parts import STACK_MPPI
 from qocjax.navigation.wavefront import Planner, cost_to_go
 
 __all__ = [

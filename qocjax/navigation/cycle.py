@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,11 +13,9 @@ from qocjax.navigation.critics import COLLISION
 from qocjax.navigation.local_path import MapCosts
 from qocjax.navigation.mppi import Limits, Rollouts, State, step
 from qocjax.navigation.planner import plan
+from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import varied
 from qocjax.unicycle import Command
-
-if TYPE_CHECKING:
-    from qocjax.navigation.stack import NavigationStack
 
 __all__ = ["Robot", "View", "cycle", "look"]
 
@@ -54,7 +52,7 @@ class View(NamedTuple):
     values: dict[str, Array]  # what the design varies of the stack, each []
 
 
-def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Command, State, View]:
+def cycle(stack: StackParts, robot: Robot, planning: Array) -> tuple[Command, State, View]:
     """Makes the costmap, plans if it is time, and computes the command.
 
     Args:
@@ -88,7 +86,7 @@ def cycle(stack: NavigationStack, robot: Robot, planning: Array) -> tuple[Comman
     return command, state, view
 
 
-def look(stack: NavigationStack, view: View) -> tuple[Layers, Rollouts]:
+def look(stack: StackParts, view: View) -> tuple[Layers, Rollouts]:
     """The costmap of a cycle and its rollouts, with their points."""
     stack, dtype = varied(stack, view.values), view.begin.dtype
     layers = _layers(stack, view.obstacles, dtype)
@@ -99,12 +97,12 @@ def look(stack: NavigationStack, view: View) -> tuple[Layers, Rollouts]:
     return layers, rollouts
 
 
-def _layers(stack: NavigationStack, obstacles: Obstacles, dtype: jnp.dtype) -> Layers:
+def _layers(stack: StackParts, obstacles: Obstacles, dtype: jnp.dtype) -> Layers:
     static = StaticLayer(*(jnp.asarray(each, dtype) for each in stack.static))
     return costmap_layers(stack.static_map.grid, static, obstacles, stack.inflation)
 
 
-def _path(stack: NavigationStack, robot: Robot, cost: Array, planning: Array) -> tuple[Array, Array]:
+def _path(stack: StackParts, robot: Robot, cost: Array, planning: Array) -> tuple[Array, Array]:
     """A new path where one is due and there is one, else the last."""
 
     def planned() -> tuple[Array, Array]:
@@ -114,7 +112,7 @@ def _path(stack: NavigationStack, robot: Robot, cost: Array, planning: Array) ->
     return lax.cond(planning, planned, lambda: (robot.path, jnp.array(False)))
 
 
-def _back_up(stack: NavigationStack, pose: Array, cost: Array) -> Array:
+def _back_up(stack: StackParts, pose: Array, cost: Array) -> Array:
     """Speed of the recovery: straight back, or ahead if that is the cheaper end; 0 where both ends are closed (m/s)."""
     grid, ways = stack.static_map.grid, jnp.array([-1.0, 1.0], pose.dtype)
     x = pose[0] + ways * stack.backup_dist * jnp.cos(pose[2])
@@ -124,7 +122,7 @@ def _back_up(stack: NavigationStack, pose: Array, cost: Array) -> Array:
 
 
 def _step(
-    stack: NavigationStack,
+    stack: StackParts,
     words: Array,
     state: State,
     begin: Array,

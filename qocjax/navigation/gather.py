@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,10 +13,8 @@ from qocjax.controllers.interface import Sight, Task
 from qocjax.navigation.costmap import Obstacles, others
 from qocjax.navigation.cycle import Robot
 from qocjax.navigation.mppi import Limits, State, predict, predict_driven
+from qocjax.navigation.stack_parts import StackParts
 from qocjax.unicycle import Command
-
-if TYPE_CHECKING:
-    from qocjax.navigation.stack import NavigationStack
 
 __all__ = ["Memory", "gather"]
 
@@ -35,7 +33,7 @@ class Memory(NamedTuple):
     blocked: Array  # [N, *B] cycles in which every rollout collided
 
 
-def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> Robot:
+def gather(stack: StackParts, task: Task, memory: Memory, sight: Sight) -> Robot:
     """What is known at a sampling instant, as each robot's cycle wants it; leaves [N, *B, ...]."""
     pose, shape = sight.pose, sight.pose.x.shape
     spread = lambda value: jnp.broadcast_to(jnp.asarray(value, pose.x.dtype), shape)  # noqa: E731
@@ -59,7 +57,7 @@ def gather(stack: NavigationStack, task: Task, memory: Memory, sight: Sight) -> 
     )
 
 
-def _obstacles(stack: NavigationStack, task: Task, memory: Memory, sight: Sight, begin: Array) -> Obstacles:
+def _obstacles(stack: StackParts, task: Task, memory: Memory, sight: Sight, begin: Array) -> Obstacles:
     """The other robots, and how far each may be from where it is taken to be.
 
     A robot is where it was when the command that it now applies was sampled, its age ago, and may have moved since at

@@ -12,8 +12,7 @@ from.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -23,109 +22,29 @@ from jax import Array, lax
 
 from qocjax import _checks
 from qocjax.controllers.interface import Sight, Task
-from qocjax.navigation.costmap import (
-    Inflation,
-    StaticLayer,
-    check_free,
-    costmap_layers,
-    static_layer,
-)
-from qocjax.navigation.critics import (
-    ConstraintCritic,
-    CostCritic,
-    GoalCritic,
-    PreferForwardCritic,
-)
+from qocjax.navigation.costmap import check_free
 from qocjax.navigation.cycle import View, cycle
 from qocjax.navigation.gather import Memory, gather
 from qocjax.navigation.grid import Grid
 from qocjax.navigation.maps import StaticMap, map_of_shapes
 from qocjax.navigation.mppi import initial_state
-from qocjax.navigation.mppi_config import MppiConfig
-from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
+from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import value_at
-from qocjax.navigation.wavefront import Planner
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import NAVIGATION
 from qocjax.unicycle import Command, Pose
 
-__all__ = ["STACK_MPPI", "NavigationStack", "open_floor"]
-
-# Nav2's controller for goals that are places without a heading. For the model's cap of 0.7 m/s, not Nav2's 0.5, the
-# path is seen further (more than v_max times the horizon) and followed harder; with Nav2's values a robot drives at
-# about two thirds of the cap.
-STACK_MPPI = MppiConfig(
-    prune_distance=2.5,
-    critics=(
-        ConstraintCritic(),
-        CostCritic(),
-        GoalCritic(),
-        PathAlignCritic(),
-        PathFollowCritic(cost_weight=10.0),
-        PreferForwardCritic(),
-    ),
-)
+__all__ = ["NavigationStack", "open_floor"]
 
 
 @dataclass(frozen=True)
-class NavigationStack:
-    """Costmap, global planner and local controller; names and defaults of Nav2's parameters where it has them.
-
-    Attributes:
-        static_map: The map that planner and local controller share.
-        inflation: How costs fall off around obstacles. Some localisation uncertainty keeps robots apart by more than
-            the half cell by which a map is wrong anyway.
-        planner: Of the global planner. Its tolerance is wider than Nav2's, as robots with a common goal stand on it.
-        mppi: Of the local controller. The design's v_max and omega_max and the loop's tau take the place of vx_max,
-            wz_max and controller_frequency; wz_max is the largest omega_max that a design may have.
-        planner_period: Time between global plans (s), rounded to sampling periods.
-        predict: Whether rollouts start from the pose predicted through the commands that are under way, as if none of
-            their loops were missed, instead of the sampled pose, and other robots are predicted likewise. For the
-            actuation `deadline`.
-        xy_goal_tolerance: Within this distance of its goal a robot is told to stand still (m).
-        max_widening: Most by which age and speed widen the inflation around another robot (m).
-        backup_speed: Where every rollout collides, the robot backs up straight at this speed, as Nav2's recovery does;
-            ahead if that is the freer way (m/s).
-        backup_dist: How far it looks for that (m).
-    """
-
-    static_map: StaticMap
-    inflation: Inflation = field(default_factory=lambda: Inflation(localisation_sigma=0.02))
-    planner: Planner = field(default_factory=lambda: Planner(tolerance=0.5))
-    mppi: MppiConfig = STACK_MPPI
-    planner_period: float = 1.0
-    predict: bool = False
-    xy_goal_tolerance: float = 0.25
-    max_widening: float = 0.5
-    backup_speed: float = 0.15
-    backup_dist: float = 0.3
+class NavigationStack(StackParts):
+    """The parts at work: a cycle of every robot at each sampling instant."""
 
     costly = True
     sees_speed = True
     tunables = NAVIGATION
     unread = ("eta", "kappa", "gamma", "c_miss", "d_safe")
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.static_map, StaticMap):
-            raise TypeError(f"static_map: got {type(self.static_map).__name__}, expected a StaticMap")
-        for name in ("planner_period", "xy_goal_tolerance", "max_widening", "backup_speed", "backup_dist"):
-            limit = {"above": 0.0} if name in ("planner_period", "backup_dist") else {"least": 0.0}
-            value = _checks.bounded(name, getattr(self, name), shape=(), **limit)
-            object.__setattr__(self, name, float(value) if _checks.is_concrete(value) else value)
-        if not isinstance(self.predict, bool):
-            raise TypeError(f"predict: got {self.predict!r}, expected True or False")
-
-    @cached_property
-    def static(self) -> StaticLayer:
-        """The static layer and its distance transform, made once."""
-        with jax.ensure_compile_time_eval():
-            return jax.tree.map(np.asarray, static_layer(self.static_map))
-
-    @cached_property
-    def closed(self) -> np.ndarray:
-        """The costmap without other robots, which says where none can be."""
-        with jax.ensure_compile_time_eval():
-            return np.asarray(costmap_layers(self.static_map.grid, self.static, None, self.inflation).total())
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
         """Checks designs, starts and goals against the stack and its map.

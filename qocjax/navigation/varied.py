@@ -8,23 +8,25 @@ from typing import Any, TypeVar
 
 from jax import Array
 
+from qocjax.navigation.stack_parts import StackParts
+
 __all__ = ["VARIED", "value_at", "varied"]
 
 VARIED = "controller."  # what names of the stack's parameters begin with in a design
 
-T = TypeVar("T")
+T = TypeVar("T", bound=StackParts)
 
 
 def varied(stack: T, values: Mapping[str, Array]) -> T:
     """The stack with these values in place of its own; what is made of its map is kept.
 
     Args:
-        stack: A `NavigationStack`.
+        stack: The stack.
         values: By name in the configuration, such as `controller.mppi.critics.CostCritic.cost_weight`.
     """
     if not values:
         return stack
-    kept = {"static": stack.static}  # type: ignore[attr-defined]
+    kept = {"static": stack.static}
     for name, value in values.items():
         stack = _with(stack, name.removeprefix(VARIED).split("."), value)
     vars(stack).update(kept)

@@ -15,11 +15,9 @@ from qocjax.recorded.findings import CAUSES
 from qocjax.recorded.limits import RobotLimits
 from qocjax.recorded.loops import LoopTrace
 from qocjax.recorded.run import RecordedRun
-from qocjax.study.statistics import estimate
 
 __all__ = [
     "findings_table",
-    "group_table",
     "limits_row",
     "loop_row",
     "percentile",
@@ -101,23 +99,6 @@ def findings_table(runs: Sequence[RecordedRun]) -> pd.DataFrame:
         for found in run.findings
     ]
     return pd.DataFrame(rows, columns=["run", "where", "cause", "count", "done"])
-
-
-def group_table(table: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
-    """Means over the runs that share all labels, with 95 % Student intervals where there are two runs or more."""
-    measures = [name for name in ("auc", "qoc", "min_distance", "path_length", "loop_p50", "loop_p99", "lost_share")
-                if name in table and np.isfinite(pd.to_numeric(table[name], errors="coerce")).any()]  # fmt: skip
-    rows = []
-    for key, group in table.groupby(list(labels), dropna=False, sort=True):
-        row: dict = dict(zip(labels, key, strict=True)) | {"runs": len(group)}
-        for name in measures:
-            values = pd.to_numeric(group[name]).replace([np.inf, -np.inf], np.nan).dropna().to_numpy()
-            row[name] = values.mean() if values.size else np.nan
-            if values.size > 1:
-                found = estimate(values)
-                row |= {f"{name}_low": found.low, f"{name}_high": found.high}
-        rows.append(row)
-    return pd.DataFrame(rows)
 
 
 def reliability_table(trace: LoopTrace, deadlines_ms: Sequence[float]) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +12,7 @@ from qocjax.controllers import Controller
 from qocjax.network.interface import Network, Reliability
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
+from qocjax.store.identity import content_digest
 from qocjax.study.reliability import reliability_of
 from qocjax.study.units import joined, units_of
 
@@ -34,7 +35,8 @@ class Problem:
 
     Attributes:
         configuration: The resolved options that it was built from, plain values (JSON), from which another process
-            builds it again with `qocjax.config.build_problem`; None where it was built by hand.
+            builds it again; None where it was built by hand.
+        rebuilt: Function that does; found by its module and name in the other process.
         setups: Where `designs.others` hold values that a program is made for and does not take as an array: the set-up
             of each combination of them, in the order of `apart`. That of the problem itself is the baseline's.
         apart: Names of these values.
@@ -47,8 +49,15 @@ class Problem:
     key: int
     controller: Controller | None = None
     configuration: Mapping[str, Any] | None = None
+    rebuilt: Callable[[Mapping[str, Any]], Problem] | None = None
     setups: Mapping[tuple[float, ...], Setup] = field(default_factory=dict)
     apart: tuple[str, ...] = ()
+
+    def data(self) -> str:
+        """Digest of what it holds beside its options: measured delays, maps."""
+        own = (self.network, self.controller)
+        others = {repr(key): (setup.network, setup.controller) for key, setup in self.setups.items()}
+        return content_digest((*own, others) if others else own)
 
     @property
     def baseline(self) -> Setup:
