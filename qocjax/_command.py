@@ -69,7 +69,7 @@ def command(
             OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
             register_help()
             warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
-            arguments = _expanded(sys.argv[1:], short or {})
+            arguments = _of_target(_expanded(sys.argv[1:], short or {}))
             os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
             try:
                 sys.argv[1:] = quoted_options(_of_nav2(arguments) if nav2 else arguments)
@@ -99,6 +99,14 @@ def _expanded(arguments: list[str], short: dict[str, tuple[str, str]]) -> list[s
         name, mark, value = argument.partition("=")
         found += [short[name][0], f"{short[name][1]}={value}"] if mark and name in short else [argument]
     return found
+
+
+def _of_target(arguments: list[str]) -> list[str]:
+    """With `controller._target_=my.module.Law` in them: a choice of its own, which may be given any argument."""
+    if not any(re.match(r"[+]*controller\._target_=", each) for each in arguments):
+        return arguments
+    given = [re.sub(r"^[+]*(?=controller\.\w)", "++", each) for each in arguments]
+    return given if any(each.startswith("controller=") for each in given) else ["controller=custom", *given]
 
 
 def _of_nav2(arguments: list[str]) -> list[str]:

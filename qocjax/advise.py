@@ -59,7 +59,7 @@ def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None
         told=_progress() if controller.costly else None,
     )  # fmt: skip
     if folder is not None:
-        values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance()
+        values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance(controller)
         write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
         write_text(
             folder / "nav2_params.yaml",

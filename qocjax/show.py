@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from qocjax._command import command, output_dir
 from qocjax.config import load
 from qocjax.config.show import ShowConfig
-from qocjax.controllers import Controller
+from qocjax.controllers import Apf, Cbf, Controller
 from qocjax.figures.animation import animate
 from qocjax.figures.costmap import CostmapView, costmap_layers_figure, costmaps
 from qocjax.figures.paths import check_run, closest_approach
@@ -24,6 +24,8 @@ from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.replay import replay
 
 __all__ = ["Shown", "main", "report", "run"]
+
+_LAWS: dict[type, str] = {Apf: "surrogate law", Cbf: "barrier", NavigationStack: "navigation stack"}
 
 _BEFORE = 1.0  # s before the closest approach, when robots still look for a way past each other
 
@@ -56,11 +58,11 @@ def run(config: ShowConfig, folder: Path | None = None) -> Shown:
     views = _views(done, controller, config.show.at)
     shown = Shown(done, room, views)
     if folder is not None:
-        _write(shown, config, folder)
+        _write(shown, config, controller, folder)
         if config.bag:
             done.to_bag(folder / "bag", room, controller if isinstance(controller, NavigationStack) else None)
         if config.figures:
-            _draw(shown, config, folder / "figures")
+            _draw(shown, config, controller, folder / "figures")
     return shown
 
 
@@ -88,21 +90,20 @@ def _view(done: Run, stack: NavigationStack, robot: int, tick: int) -> CostmapVi
     )  # fmt: skip
 
 
-def _write(shown: Shown, config: ShowConfig, folder: Path) -> None:
+def _write(shown: Shown, config: ShowConfig, law: Controller, folder: Path) -> None:
     write_table(folder / "run", shown.run.to_pandas())
     write_config(folder, config.model_dump())
-    write_json(folder / "record.json", _numbers(shown.run) | provenance())
+    write_json(folder / "record.json", _numbers(shown.run) | provenance(law))
 
 
-def _draw(shown: Shown, config: ShowConfig, folder: Path) -> None:
+def _draw(shown: Shown, config: ShowConfig, law: Controller, folder: Path) -> None:
     options = config.show
     save(trajectories(shown.run, static_map=shown.static_map), folder / "trajectories")
     if shown.views:
         save(costmaps(shown.views), folder / "costmaps")
         save(costmap_layers_figure(shown.views[options.robot - 1]), folder / f"costmap_robot{options.robot}")
-    law = "navigation stack" if shown.views else "surrogate law"
     animate(shown.run, folder / f"run.{options.format}", static_map=shown.static_map, fps=options.fps,
-            until=options.until, title=law)  # fmt: skip
+            until=options.until, title=_LAWS.get(type(law), type(law).__name__))  # fmt: skip
 
 
 def _numbers(done: Run) -> dict[str, object]:

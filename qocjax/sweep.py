@@ -175,7 +175,7 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
         "made_with": list(study.made_with),
         "chunks": list(study.chunks),
     }
-    write_json(folder / RECORD, record | provenance())
+    write_json(folder / RECORD, record | provenance(problem.controller))
 
 
 def _stretches(study: Study) -> dict[str, list[int]]:

@@ -40,16 +40,16 @@ def run(config: TuneConfig, folder: Path | None = None, *, quiet: bool = False) 
     Raises:
         ValueError: A value of the configuration is out of range, or derivatives are not finite.
     """
-    config.surrogate_only()
+    controller = config.build_controller()
     scenario, network, baseline = config.build_scenario(), config.build_network(), config.baseline()
     bounds, settings, deadlines = config.build_bounds(), config.build_search(), config.deadlines()
     rules, (selection, evaluation) = config.loop.build(), config.seeds()
     if (remark := config.rate_remark(network, config.loop.tau)) is not None:
         tqdm.write(f"note: {remark}", file=sys.stderr)
     scale = config.scale() or pilot_scale(
-        scenario, network, baseline, deadlines.tolist(), selection, rules=rules, key=config.key
+        scenario, network, baseline, deadlines.tolist(), selection, rules=rules, key=config.key, controller=controller
     )
-    objective = Objective(scenario, network, scale, rules, config.key)
+    objective = Objective(scenario, network, scale, rules, config.key, controller=controller)
     with tqdm(total=settings.steps, desc="tuning", unit=" steps", file=sys.stderr, disable=quiet or None) as bar:
 
         def progress(slopes: Slopes) -> None:
@@ -129,7 +129,7 @@ def _write(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
         "key": config.key,
         "network": objective.network.describe(),
     }
-    write_json(folder / "record.json", record | provenance())
+    write_json(folder / "record.json", record | provenance(objective.controller))
 
 
 def _draw(tuning: Tuning, config: TuneConfig, folder: Path) -> None:

@@ -125,7 +125,7 @@ def test_coincident_robots_part() -> None:
 
 
 def test_what_it_does_not_read_is_refused() -> None:
-    with pytest.raises(ValueError, match="eta: got several values, but the barrier has no repulsion gain"):
+    with pytest.raises(ValueError, match="eta: got several values, but Cbf does not read it"):
         evaluate(Scenario(), Design(eta=np.array([0.1, 0.2])), paper_network(), range(2), controller=Cbf())
     with pytest.raises(ValueError, match="alpha: got 0"):
         Cbf(alpha=0.0)

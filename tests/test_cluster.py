@@ -146,7 +146,7 @@ def test_a_wrong_problem_ends_the_study(engine: DaskEngine, chunks: list[Chunk])
 def test_other_measured_data_is_refused(problem: Problem, chunks: list[Chunk], expected: dict[str, Result]) -> None:
     recipe = Recipe(build_problem, json.dumps(problem.configuration), problem.data())
     same(run_chunk(recipe, chunks[0], settings_here()), expected[chunks[0].name])
-    with pytest.raises(ValueError, match="network or map: got other data than the driver's"):
+    with pytest.raises(ValueError, match="network, map or law: got other files than the driver's"):
         run_chunk(replace(recipe, data="other"), chunks[0], settings_here())
 
 

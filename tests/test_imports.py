@@ -1,4 +1,4 @@
-"""Imports between modules go one way, in functions and for type checkers as well; `pyproject.toml` states the layers."""
+"""Imports go one way, those in functions and for type checkers too, by the layers that `pyproject.toml` states."""
 
 from __future__ import annotations
 

@@ -19,11 +19,12 @@ from typing import get_type_hints
 import numpy as np
 import pandas as pd
 import pytest
+from guide import write_guide
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import qocjax
-from qocjax._command import _expanded
+from qocjax._command import _expanded, _of_target
 from qocjax.config import SimulationConfig, StudyConfig, conf_dir, load
 from qocjax.config.fleet import FleetConfig
 from qocjax.config.ingest import IngestConfig
@@ -38,6 +39,8 @@ SAMPLES = {
     "network/trace": ["network.path=loop.csv", "network.column=rtt", "network.unit=ms"],
     "delay/samples": [f"network.compute.{item}" for item in ("path=loop.csv", "column=rtt", "unit=ms")],
     "delay/histogram": ["network.compute.path=delays.xml"],
+    "controller/custom": ["controller._target_=qocjax.controllers.Apf"],
+    "effort/custom": ["controller=custom", "controller._target_=qocjax.controllers.Apf"],
     "reading/default": ["path=logs"],
     "measured/csv": ["measured.path=auc.csv", "measured.unit=ms"],
     "measured/recorded": ["measured.path=runs"],
@@ -57,6 +60,7 @@ CHOICES = sorted(
     path.relative_to(CONF).with_suffix("").as_posix() for path in CONF.glob("*/*.yaml") if path.parent != MAPS
 )
 DOCUMENTS = [
+    "CONTRIBUTING.md",
     "README.md",
     "experiments/README.md",
     *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
@@ -388,7 +392,11 @@ def test_every_choice_composes(choice: str, composer: None) -> None:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
-def test_commands_of_the_documents_compose(document: str, composer: None) -> None:
+def test_commands_of_the_documents_compose(
+    document: str, composer: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_guide(tmp_path)  # whose law they name
+    monkeypatch.syspath_prepend(tmp_path)
     found = list(commands((ROOT / document).read_text(encoding="utf-8")))
     assert found
     for command, options in found:
@@ -399,7 +407,7 @@ def test_commands_of_the_documents_compose(document: str, composer: None) -> Non
         given = [option for option in ours if option not in flags]
         if command == "advise":
             given = _expanded(given, {"path": ("network=trace", "network.path")})
-        config = composed(command, given or NEEDED.get(command, []))
+        config = composed(command, _of_target(given) or NEEDED.get(command, []))
         config.baseline() if isinstance(config, SimulationConfig) else build(config)
 
 

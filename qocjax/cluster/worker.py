@@ -120,7 +120,8 @@ def run_chunk(recipe: Recipe, chunk: Chunk, settings: Settings) -> Result | Fail
 def _built(recipe: Recipe) -> Problem:
     problem = recipe.rebuilt(json.loads(recipe.configuration))
     if problem.data() != recipe.data:
-        raise ValueError("network or map: got other data than the driver's, expected the same files on all machines")
+        raise ValueError("network, map or law: got other files than the driver's, expected the same on all machines (a "
+                         "worker keeps a law as it first read it, until it is started again)")  # fmt: skip
     return problem
 
 

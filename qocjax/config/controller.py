@@ -1,4 +1,4 @@
-"""Configuration of controllers: the surrogate law's gains, or the navigation stack."""
+"""Configuration of controllers: gains of a law, the navigation stack, or a class from outside."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Tag
 
+from qocjax.config.custom import CustomConfig
 from qocjax.config.part import Part, conf_dir
 from qocjax.controllers import Apf, Cbf, Controller
 from qocjax.navigation import (
@@ -29,7 +30,7 @@ from qocjax.navigation import (
 )
 from qocjax.scenario import Scenario
 
-__all__ = ["ApfConfig", "CbfConfig", "ControllerConfig", "NavigationConfig", "map_of"]
+__all__ = ["ApfConfig", "CbfConfig", "ControllerConfig", "CustomConfig", "NavigationConfig", "map_of"]
 
 _CRITICS = {
     critic.__name__: critic
@@ -168,7 +169,20 @@ class NavigationConfig(Part):
         )
 
 
-ControllerConfig = Annotated[ApfConfig | CbfConfig | NavigationConfig, Field(discriminator="law")]
+def _branch(value: Any) -> str | None:
+    """Which of the models holds a controller: what names a class is a law from outside."""
+    if isinstance(value, dict):
+        return "custom" if "_target_" in value else value.get("law")
+    return "custom" if isinstance(value, CustomConfig) else getattr(value, "law", None)
+
+
+ControllerConfig = Annotated[
+    Annotated[ApfConfig, Tag("apf")]
+    | Annotated[CbfConfig, Tag("cbf")]
+    | Annotated[NavigationConfig, Tag("navigation")]
+    | Annotated[CustomConfig, Tag("custom")],
+    Discriminator(_branch),
+]
 
 
 def map_of(

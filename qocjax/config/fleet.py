@@ -173,7 +173,9 @@ class FleetConfig(Part):
     def _scenario(self, num_robots: int) -> ScenarioConfig:
         """A fleet on open floor; the yardstick of each robot is its own way at the gains as given."""
         start, goal = self.fleet.layout.build().place(num_robots)
-        yardstick = ReferenceConfig(kind="nominal", kappa=self.controller.kappa, v_max=self.robot.v_max, per_robot=True)
+        yardstick = ReferenceConfig(
+            kind="nominal", kappa=self.controller.gains()["kappa"], v_max=self.robot.v_max, per_robot=True
+        )
         return ScenarioConfig(
             start=start.tolist(), goal=goal.tolist(), horizon=self.fleet.horizon, reference=yardstick,
             normaliser="goal_distance", weights=[1.0, 1.0], start_jitter=self.fleet.start_jitter, map=None,

@@ -11,8 +11,9 @@ from qocjax import _checks
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
+from qocjax.controllers import Controller
 from qocjax.quality import QocScale
-from qocjax.study.tuning import DEFAULT_BOUNDS, Bounds, Search, make_estimator
+from qocjax.study.tuning import DEFAULT_BOUNDS, Bounds, Search, Smoothed, make_estimator
 
 __all__ = ["TuneConfig"]
 
@@ -128,6 +129,27 @@ class TuneConfig(SimulationConfig):
                 raise ValueError(f"tune.bounds.{name}: got {pair}, expected [low, high] below the robot's {most:g}")
             given[name] = [pair[0], min(pair[1], most)]
         return Bounds(self.tune.wrt, given)
+
+    def build_controller(self) -> Controller:
+        """The law whose values are tuned.
+
+        Raises:
+            ValueError: Its commands take too long, it does not read what is tuned, or slopes are asked for that it has
+                not; or what there is to say of it anyway.
+        """
+        law = super().build_controller()
+        if law.costly:
+            raise ValueError(f"controller: got {self.controller.law}, expected a quick law, such as apf: tuning "
+                             "simulates it a hundred thousand times")  # fmt: skip
+        for name in self.tune.wrt:
+            if name in law.unread:
+                raise ValueError(
+                    f"tune.wrt: got {name}, which {self.controller.law} does not read, expected what it reads"
+                )
+        if not (law.smooth or isinstance(make_estimator(self.tune.estimator), Smoothed)):
+            raise ValueError(f"tune.estimator: got {self.tune.estimator}, but {self.controller.law} does not say that "
+                             "it is smooth, expected smoothed, which needs no derivatives")  # fmt: skip
+        return law
 
     def build_search(self) -> Search:
         """How to search."""

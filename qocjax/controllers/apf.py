@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax.numpy as jnp
-import numpy as np
 from jax import Array, lax
 
 from qocjax._math import AngleMath
 from qocjax.controllers.interface import Sight, Task
+from qocjax.controllers.law import Law
 from qocjax.pairs import pair_forces
-from qocjax.scenario import Design, Scenario
+from qocjax.scenario import Design
 from qocjax.tunables import APF
 from qocjax.unicycle import Command, Pose
 
@@ -22,31 +22,15 @@ MIN_DISTANCE = 1e-6
 
 
 @dataclass(frozen=True)
-class Apf:
+class Apf(Law):
     """The surrogate law as a controller: it remembers nothing, and all its parameters are the design's."""
 
-    costly = False
-    unread = ()
-    sees_speed = False
+    smooth = True
     tunables = APF
-
-    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
-        """It can do everything."""
-
-    def check_start(self, scenario: Scenario, start: np.ndarray, seeds: np.ndarray) -> None:
-        """It can start everywhere."""
-
-    def begin(self, task: Task, pose: Pose, keys: Array | None) -> tuple[()]:
-        """Nothing."""
-        return ()
 
     def command(self, task: Task, memory: tuple[()], sight: Sight) -> tuple[tuple[()], Command, tuple[()]]:
         """The law at one sampling instant."""
         return (), apf(sight.pose, sight.age, task.goal, task.design, task.math), ()
-
-    def report(self, memory: tuple[()]) -> dict[str, Array]:
-        """Nothing beside the metrics."""
-        return {}
 
 
 def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math: AngleMath) -> Command:

@@ -27,7 +27,8 @@ from qocjax import _checks
 from qocjax.controllers.apf import MIN_DISTANCE, steer
 from qocjax.controllers.halfplanes import HalfPlanes, nearest
 from qocjax.controllers.interface import Sight, Task
-from qocjax.scenario import Design, Scenario
+from qocjax.controllers.law import Law
+from qocjax.scenario import Design
 from qocjax.tunables import CBF
 from qocjax.unicycle import Command, Pose
 
@@ -35,7 +36,7 @@ __all__ = ["Cbf"]
 
 
 @dataclass(frozen=True)
-class Cbf:
+class Cbf(Law):
     """The goal law behind a barrier.
 
     Attributes:
@@ -44,25 +45,11 @@ class Cbf:
 
     alpha: float = 2.0
 
-    costly = False
     unread = ("eta",)
-    sees_speed = False
     tunables = CBF
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", float(_checks.bounded("alpha", self.alpha, above=0.0, shape=())))
-
-    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
-        """Checks that no value is varied that it does not read.
-
-        Raises:
-            ValueError: One is.
-        """
-        if _checks.is_concrete(designs.eta) and np.unique(np.asarray(designs.eta)).size > 1:
-            raise ValueError("eta: got several values, but the barrier has no repulsion gain, expected one value")
-
-    def check_start(self, scenario: Scenario, start: np.ndarray, seeds: np.ndarray) -> None:
-        """It can start everywhere."""
 
     def begin(self, task: Task, pose: Pose, keys: Array | None) -> Array:
         """Cycles [N, *B] in which no velocity was admissible."""

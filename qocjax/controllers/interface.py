@@ -47,6 +47,7 @@ class Controller(Protocol):
         sees_speed: Whether it reads at what speed robots drive; else the loop need not keep it.
         tunables: What it declares may be chosen. Those that are arrays and no field of a design it reads from
             `task.design.others`, where they are there.
+        smooth: Whether its commands have derivatives in the design's values, almost everywhere, that mean something.
     """
 
     @property
@@ -67,6 +68,11 @@ class Controller(Protocol):
     @property
     def tunables(self) -> tuple[Tunable, ...]:
         """What it declares may be chosen."""
+        ...
+
+    @property
+    def smooth(self) -> bool:
+        """Whether its commands can be differentiated."""
         ...
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:

@@ -22,6 +22,7 @@ from jax import Array, lax
 
 from qocjax import _checks
 from qocjax.controllers.interface import Sight, Task
+from qocjax.controllers.law import check_unread
 from qocjax.navigation.costmap import check_free
 from qocjax.navigation.cycle import View, cycle
 from qocjax.navigation.gather import Memory, gather
@@ -44,6 +45,7 @@ class NavigationStack(StackParts):
     costly = True
     sees_speed = True
     tunables = NAVIGATION
+    smooth = False
     unread = ("eta", "kappa", "gamma", "c_miss", "d_safe")
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
@@ -58,12 +60,7 @@ class NavigationStack(StackParts):
                 value_at(self, name)
             except AttributeError as error:
                 raise ValueError(f"{name}: {error}") from None
-        for name in self.unread:
-            value = getattr(designs, name)
-            if _checks.is_concrete(value) and np.unique(np.asarray(value)).size > 1:
-                raise ValueError(
-                    f"{name}: got several values, but the navigation stack does not read it, expected one value"
-                )
+        check_unread(self.unread, designs, "the navigation stack")
         if _checks.is_concrete(designs.omega_max):
             fastest = float(np.max(np.asarray(designs.omega_max)))
             if fastest > self.mppi.wz_max * (1 + 1e-6):

@@ -14,21 +14,22 @@ import jax
 import jax.numpy as jnp
 
 from qocjax._xla import whole_loop_requested
+from qocjax.store.sources import source_of
 
 __all__ = ["change_of", "made_with", "provenance"]
 
 _PACKAGES = ("qocjax", "jax", "jaxlib", "numpy", "scipy", "pandas", "xarray", "optax", "cmaes", "rosbags", "hydra-core")
 
 
-def provenance() -> dict[str, Any]:
-    """Versions of the packages that results depend on, the device, and the time."""
+def provenance(law: Any = None) -> dict[str, Any]:
+    """Versions of the packages that results depend on, the device, and the time; and the file of a law from outside."""
     device = jax.devices()[0]
     return {
         "written": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {name: _version(name) for name in _PACKAGES} | {"python": platform.python_version()},
         "device": {"backend": jax.default_backend(), "kind": device.device_kind, "count": jax.device_count()},
         "platform": platform.platform(),
-    }
+    } | ({} if (source := source_of(law)) is None else {"law": source})
 
 
 @functools.cache

@@ -170,5 +170,5 @@ def _begin(folder: Path, identity: dict[str, Any], data: str) -> None:
         raise ValueError(f"{folder}: holds another study ({other}), expected the same configuration, or another folder")
     if found["data"] != data:
         raise ValueError(
-            f"{folder}: holds a study of other data, expected the files of its network and map as they were"
+            f"{folder}: holds a study of other data, expected the files of its network, map and law as they were"
         )

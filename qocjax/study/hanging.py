@@ -122,7 +122,7 @@ def departures(problem: Problem, sweeps: Sequence[str]) -> list[_Choice] | None:
         _of_rules(problem.rules), _of_network(problem), _of_scenario(problem.scenario), _of_design(problem, sweeps),
         _of_scoring(problem),
     ]  # fmt: skip
-    if any(part is None for part in parts) or not isinstance(problem.controller or Apf(), Apf):
+    if any(part is None for part in parts) or type(problem.controller or Apf()) is not Apf:
         return None
     return [choice for part in parts if part is not None for choice in part]
 

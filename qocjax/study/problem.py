@@ -13,6 +13,7 @@ from qocjax.network.interface import Network, Reliability
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
 from qocjax.store.identity import content_digest
+from qocjax.store.sources import source_of
 from qocjax.study.reliability import reliability_of
 from qocjax.study.units import joined, units_of
 
@@ -54,8 +55,9 @@ class Problem:
     apart: tuple[str, ...] = ()
 
     def data(self) -> str:
-        """Digest of what it holds beside its options: measured delays, maps."""
-        own = (self.network, self.controller)
+        """Digest of what it holds beside its options: measured delays, maps, the file of a law from outside."""
+        source = source_of(self.controller)
+        own = (self.network, self.controller, *(() if source is None else (source.get("digest"),)))
         others = {repr(key): (setup.network, setup.controller) for key, setup in self.setups.items()}
         return content_digest((*own, others) if others else own)
 

@@ -75,7 +75,7 @@ class Problem:
         setting, names = self.objective, self.bounds.names
         runs = run_grid(
             setting.scenario, self.designs(free), setting.network, seeds, _RobotSlopes(names),
-            rules=setting.rules, key=setting.key, dtype=np.float32, max_runs=_MAX_RUNS,
+            rules=setting.rules, key=setting.key, dtype=np.float32, max_runs=_MAX_RUNS, controller=setting.controller,
         )  # fmt: skip
         setting.simulations += runs.sizes["design"] * runs.sizes["seed"] * (1 + len(names))
         return self._chain(free, runs)
