@@ -157,6 +157,17 @@ def test_the_law_of_the_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         qocjax.sweep.run(config, tmp_path / "lab", quiet=True)
 
 
+@pytest.mark.slow
+def test_workers_find_the_law(tmp_path: Path) -> None:
+    """Those of this machine do, and compute the same."""
+    pytest.importorskip("distributed")
+    write_guide(tmp_path)
+    law, workers = "controller._target_=lab.Straight", ["engine=dask", "engine.workers=2"]
+    done = sweeps([[law, *SMALL, *workers, "hydra.run.dir=far"], [law, *SMALL, "hydra.run.dir=near"]], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "far" / "results.csv").read_bytes() == (tmp_path / "near" / "results.csv").read_bytes()
+
+
 def test_the_packages_own_laws_by_their_names() -> None:
     """They are what their own configurations make; and the options make them again."""
     assert configured("controller._target_=qocjax.controllers.Apf").build_controller() == Apf()
