@@ -41,8 +41,8 @@ def run(config: TuneConfig, folder: Path | None = None, *, quiet: bool = False) 
         ValueError: A value of the configuration is out of range, or derivatives are not finite.
     """
     controller = config.build_controller()
-    scenario, network, baseline = config.build_scenario(), config.build_network(), config.baseline()
-    bounds, settings, deadlines = config.build_bounds(), config.build_search(), config.deadlines()
+    scenario, network, bounds = config.build_scenario(), config.build_network(), config.build_bounds()
+    baseline, settings, deadlines = config.baseline_with(bounds.names), config.build_search(), config.deadlines()
     rules, (selection, evaluation) = config.loop.build(), config.seeds()
     if (remark := config.rate_remark(network, config.loop.tau)) is not None:
         tqdm.write(f"note: {remark}", file=sys.stderr)

@@ -35,10 +35,11 @@ def decision_lines(advice: Advice) -> list[str]:
 
 def _head(advice: Advice) -> list[str]:
     best, own = advice.recommended, ms(advice.current.tau)
+    names, numbers = [*(name for name in GAINS if name not in advice.unread), *best.others], best.values()
     values = ", ".join(
-        f"{name} {float(getattr(best, name)):.3g} {printed_unit(name)}".strip() + ("*" if name in advice.kept else "")
-        for name in GAINS
-        if name not in advice.unread
+        f"{name.removeprefix('controller.')} {float(numbers[name]):.3g} {printed_unit(name)}".strip()
+        + ("*" if name in advice.kept else "")
+        for name in names
     )
     kept = " (kept)" if ms(best.tau) == own else f", yours {own} ms"
     head = f"deadline {ms(best.deadline)} ms at tau {ms(best.tau)} ms{kept}"

@@ -8,12 +8,16 @@ import numpy as np
 import optax
 
 from qocjax import _checks
+from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.controllers import Controller
 from qocjax.quality import QocScale
-from qocjax.study.tuning import DEFAULT_BOUNDS, Bounds, Search, Smoothed, make_estimator
+from qocjax.scenario import CONTINUOUS
+from qocjax.study import tuning
+from qocjax.study.tuning import Search, Smoothed, make_estimator
+from qocjax.tunables import design_name
 
 __all__ = ["TuneConfig"]
 
@@ -66,23 +70,11 @@ class SgdConfig(_Rule):
         return optax.sgd(self.rates(steps), momentum=self.momentum)
 
 
-class BoundsConfig(Part):
-    """Lower and upper bound of each parameter that may be tuned."""
-
-    kappa: list[float]
-    gamma: list[float]
-    eta: list[float]
-    c_miss: list[float]
-    v_max: list[float]
-    omega_max: list[float]
-    d_safe: list[float]
-
-
 class TuningConfig(Part):
     """What is tuned, how, and on which seeds."""
 
     wrt: list[str]
-    bounds: BoundsConfig
+    bounds: Bounds
     deadline_ms: list[float]
     estimator: str
     starts: int
@@ -109,26 +101,24 @@ class TuneConfig(SimulationConfig):
     tune: TuningConfig
     figures: bool
 
-    def build_bounds(self) -> Bounds:
+    def build_bounds(self) -> tuning.Bounds:
         """What is tuned, and between what.
 
         Raises:
-            ValueError: Other bounds than the default ones of a parameter that is not tuned, or what `Bounds` raises.
+            ValueError: Other bounds than the default ones of a parameter that is not tuned, none of one that is, or
+                what `Bounds` raises.
         """
-        given = self.tune.bounds.model_dump()
+        given = {design_name(name): pair for name, pair in self.tune.bounds.items() if pair is not None}
+        names = [design_name(name) for name in self.tune.wrt]
+        listed = ", ".join(self.tune.wrt)
         for name, pair in given.items():
-            if name not in self.tune.wrt and tuple(pair) != DEFAULT_BOUNDS[name]:
-                raise ValueError(
-                    f"tune.bounds.{name}: got {pair}, but tune.wrt is [{', '.join(self.tune.wrt)}]: {name} is not tuned"
-                )
-        for name in set(self.tune.wrt) & set(given):
-            most, pair = self.robot.limit(name), given[name]
-            if most is None or len(pair) != 2:
-                continue  # `Bounds` says what is wrong with the pair
-            if pair[0] >= most:
-                raise ValueError(f"tune.bounds.{name}: got {pair}, expected [low, high] below the robot's {most:g}")
-            given[name] = [pair[0], min(pair[1], most)]
-        return Bounds(self.tune.wrt, given)
+            if name not in names and tuple(pair) != tuning.DEFAULT_BOUNDS.get(name, ()):
+                raise ValueError(f"tune.bounds.{name}: got {pair}, but tune.wrt is [{listed}]: {name} is not tuned")
+        for name in names:
+            if name not in CONTINUOUS and name not in given:
+                raise ValueError(f"tune.wrt: got {name} without bounds, expected tune.bounds.{name}=[low,high]")
+        built = built_bounds("tune.bounds", {name: given[name] for name in names if name in given}, self)
+        return tuning.Bounds(names, built)
 
     def build_controller(self) -> Controller:
         """The law whose values are tuned.
@@ -138,9 +128,6 @@ class TuneConfig(SimulationConfig):
                 not; or what there is to say of it anyway.
         """
         law = super().build_controller()
-        if law.costly:
-            raise ValueError(f"controller: got {self.controller.law}, expected a quick law, such as apf: tuning "
-                             "simulates it a hundred thousand times")  # fmt: skip
         for name in self.tune.wrt:
             if name in law.unread:
                 raise ValueError(

@@ -59,7 +59,12 @@ def horizon(plugin: Plugin | None) -> float:
     return _of(plugin, "model_dt", _DT) * _of(plugin, "time_steps", _STEPS)
 
 
-def advised(best: Set, params: NavParams | None = None, simulated: Mapping[str, Value] | None = None) -> list[Change]:
+def advised(
+    best: Set,
+    params: NavParams | None = None,
+    simulated: Mapping[str, Value] | None = None,
+    tuned: Mapping[str, float] | None = None,
+) -> list[Change]:
     """The parameters to set.
 
     Args:
@@ -68,6 +73,7 @@ def advised(best: Set, params: NavParams | None = None, simulated: Mapping[str, 
             parameters without a file, of MPPI under the name FollowPath.
         simulated: What the stack that the advice was worked out with has otherwise than Nav2, of `stack_values`; read
             without a file.
+        tuned: What is advised of the stack, by names of the configuration.
     """
     found = [Change("controller_server", "controller_frequency", 1.0 / best.tau, "1 / tau (1/s)")]
     for plugin in params.controllers if params else (Plugin("FollowPath", MPPI, simulated or {}),):
@@ -75,11 +81,29 @@ def advised(best: Set, params: NavParams | None = None, simulated: Mapping[str, 
     for shim in params.shims if params else ():
         name = "rotate_to_heading_angular_vel"
         found.append(_cap(shim, name, best.omega_max, True, "rad/s"))
+    found += _tuned(tuned or {}, params)
     if params is None:
         done = {change.name for change in found}
         found += [Change("controller_server", f"FollowPath.{name}", value, "as simulated")
                   for name, value in (simulated or {}).items() if f"FollowPath.{name}" not in done]  # fmt: skip
     return [*found, *_smoother(best, params), *_base(best, params)]
+
+
+def _tuned(tuned: Mapping[str, float], params: NavParams | None) -> Iterator[Change]:
+    """What is advised of MPPI, its critics, the inflation and the tolerance of the goal; the rest has no parameter."""
+    controllers = params.controllers if params else (Plugin("FollowPath", MPPI, {}),)
+    inflation = (params and params.inflation) or Plugin("inflation_layer", "", {})
+    goal = (params and params.goal) or Plugin("general_goal_checker", "", {})
+    for name, value in tuned.items():
+        part, _, own = name.removeprefix("controller.").partition(".")
+        if part == "mppi":
+            for plugin in (each for each in controllers if each.kind == MPPI):
+                yield _set(plugin, own.removeprefix("critics."), _rounded(value), "as advised")
+        elif part == "inflation":
+            for node in ("local_costmap/local_costmap", "global_costmap/global_costmap"):
+                yield Change(node, f"{inflation.name}.{own}", _rounded(value), "as advised, in both costmaps")
+        elif part == "xy_goal_tolerance":
+            yield _set(goal, part, _rounded(value), "m, as advised")
 
 
 def _controller(best: Set, plugin: Plugin, file: bool) -> Iterator[Change]:

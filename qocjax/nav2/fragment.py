@@ -37,8 +37,9 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None, mp
         ValueError: The user's file cannot be read, or ROS's parser would refuse it; one line with file and line.
     """
     best = setting(advice, rules)
+    tuned = {name: float(np.asarray(value)) for name, value in advice.recommended.others.items()}
     if source is None:
-        changes = advised(best, simulated=None if mppi is None else stack_values(mppi))
+        changes = advised(best, simulated=None if mppi is None else stack_values(mppi), tuned=tuned)
         return f"{_head(advice, best)}\n{merged('', changes).lstrip()}\n{_notes(advice, best, rules, None, changes)}"
     text, name, windows = source_text(source)
     if text.startswith("# From qocjax.advise"):  # its own file from before: the notes are written anew
@@ -47,7 +48,7 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None, mp
         before, after = text.split(_BEGIN, 1)
         text = before.rstrip("\n") + "\n" + after.split(_END, 1)[1].lstrip("\n")
     params = params_of(Document(text, name))
-    changes = advised(best, params)
+    changes = advised(best, params, tuned=tuned)
     body = merged(text if "\n" in text else text + "\n", changes, params.namespace).rstrip("\n")
     whole = f"{_head(advice, best)}\n{body}\n\n{_notes(advice, best, rules, params, changes)}"
     return whole.replace("\n", "\r\n") if windows else whole

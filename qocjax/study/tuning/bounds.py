@@ -38,19 +38,20 @@ class Bounds:
         """Takes the bounds that are given, and `DEFAULT_BOUNDS` for the others.
 
         Args:
-            wrt: Names of the tuned parameters, of `CONTINUOUS`.
+            wrt: Names of the tuned parameters, of `CONTINUOUS` or of what is given.
             given: (low, high) by name.
 
         Raises:
             ValueError: An unknown name, one twice, or bounds that hold nothing.
         """
-        names = tuple(_checks.choice("wrt", name, CONTINUOUS) for name in wrt)
+        known = (*CONTINUOUS, *(name for name in given or {} if "." in name))
+        names = tuple(_checks.choice("wrt", name, known) for name in wrt)
         if not names or len(set(names)) != len(names):
-            raise ValueError(f"wrt: got {list(wrt)}, expected at least one of {', '.join(CONTINUOUS)}, each once")
+            raise ValueError(f"wrt: got {list(wrt)}, expected at least one of {', '.join(known)}, each once")
         for name in given or {}:
-            _checks.choice("bounds", name, CONTINUOUS)
+            _checks.choice("bounds", name, known)
         self.names = names
-        pairs = [_pair(name, (given or {}).get(name, DEFAULT_BOUNDS[name])) for name in names]
+        pairs = [_pair(name, (given or {}).get(name) or DEFAULT_BOUNDS[name]) for name in names]
         self.low, self.high = np.array(pairs, np.float64).T  # [d] each
         self._log = self.low > 0.0
         self._bottom = np.where(self._log, np.log(np.where(self._log, self.low, 1.0)), self.low)

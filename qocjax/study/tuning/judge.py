@@ -71,7 +71,7 @@ def tune(
     count = _checks.count("starts", starts)
     points = spread_starts(count, bounds, np.random.default_rng([settings.random, 1]))
     if from_baseline:
-        points[0] = bounds.nearest(np.array([float(np.asarray(getattr(baseline, name))) for name in bounds.names]))
+        points[0] = bounds.nearest(np.array([float(np.asarray(baseline.values()[name])) for name in bounds.names]))
     problem = Problem(objective, baseline, bounds, np.repeat(axis, count))
     before = objective.simulations
     first_seed = 1 + max(max(selection_seeds), max(evaluation_seeds))
