@@ -59,9 +59,10 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
     Raises:
         ValueError: A value of the configuration is out of range.
     """
-    problem, grid, methods = _problem(config), _beside(config), config.search.methods
+    _check_methods(config)
+    grid, methods = _beside(config), config.search.methods
     sweep_seeds, judge_seeds = (len(seeds) for seeds in config.seeds())
-    _check_methods(config, problem)
+    problem = _problem(config)
     _check_scarce(config, problem)
     parts = len(methods) * config.search.repetitions + 3
     with tqdm(total=parts, desc="co-design", file=sys.stderr, disable=True if quiet else None) as bar:
@@ -107,13 +108,13 @@ def _beside(config: CodesignConfig) -> Grid:
     return replace(grid, designs=Design.of({**rest, **grid.designs.values()}).at(slice(None)))
 
 
-def _check_methods(config: CodesignConfig, problem: Problem) -> None:
-    """Checks the methods' names, and that what differentiates runs can."""
-    costly = problem.objective.controller is not None and problem.objective.controller.costly
-    known = [name for name in METHODS if not (costly and name.endswith("gradient"))]
+def _check_methods(config: CodesignConfig) -> None:
+    """Checks the methods' names, and that the law has derivatives where they are asked for."""
+    smooth = config.build_controller().smooth
+    known = [name for name in METHODS if smooth or not name.endswith("gradient")]
     for method in [*config.search.methods, *([config.front.method] if config.front else [])]:
         if method not in known:
-            why = f", as controller={config.controller.law} has no derivative" if method in METHODS else ""
+            why = f", as controller={config.controller.law} does not say that it is smooth" if method in METHODS else ""
             raise ValueError(f"search.methods: got {method!r}, expected some of {', '.join(known)}{why}")
 
 

@@ -404,7 +404,7 @@ def test_the_command_says_that_a_problem_is_infeasible(composer: None) -> None:
     [
         ("search.bounds.eta", "search.bounds.eta=[1.0]"),
         ("search.bounds.eta", "search.bounds.eta=[1.0,0.5]"),
-        ("search.bounds.radius", "+search.bounds.radius=[1.0,2.0]"),
+        ("search.bounds: got radius", "+search.bounds.radius=[1.0,2.0]"),
         ("search.deadline_ms", "search.deadline_ms=[1,2,3]"),
         ("search.methods", "search.methods=[annealing]"),
         ("methods", "search.methods=[]"),

@@ -15,6 +15,7 @@ from qocjax import _checks
 from qocjax.batch.evaluate import run_grid
 from qocjax.batch.runner import Drawn, metrics
 from qocjax.closed_loop import Plan
+from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import CONTINUOUS, Design, Scenario
@@ -42,6 +43,7 @@ def gradient(
     key: int = 0,
     dtype: DTypeLike = jnp.float32,
     max_runs: int = 512,
+    controller: Controller | None = None,
 ) -> xr.Dataset:
     """Simulates every design with every seed, and differentiates each run.
 
@@ -60,6 +62,7 @@ def gradient(
         key: As for `evaluate`.
         dtype: As for `evaluate`.
         max_runs: Runs of one batch with two robots.
+        controller: What computes the commands, by default the surrogate law; one that says it is smooth.
 
     Returns:
         Over (design, seed): `auc`, the mean over robots, and its derivative `d_auc_<name>` for each name.
@@ -68,6 +71,9 @@ def gradient(
         ValueError: An unknown name or mode, or what `evaluate` raises.
     """
     rules = rules or Rules()
+    if controller is not None and not controller.smooth:
+        raise ValueError(f"controller: got {type(controller).__name__}, which does not say that it is smooth, expected "
+                         "one that has derivatives")  # fmt: skip
     known = (*CONTINUOUS, *designs.others)
     names = tuple(_checks.choice("wrt", name, known) for name in wrt)
     if not names or len(set(names)) != len(names):
@@ -79,6 +85,7 @@ def gradient(
     runs = run_grid(
         scenario, designs, network, seeds, _AucGradient(names, mode),
         rules=rules, key=key, dtype=dtype, max_runs=_checks.count("max_runs", max_runs), in_blocks=mode == "reverse",
+        controller=controller,
     )  # fmt: skip
     return runs.assign_attrs(mode=mode)
 

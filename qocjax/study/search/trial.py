@@ -132,7 +132,7 @@ class Trial:
         goal = self.problem.objective
         designs = self.problem.space.designs(units)
         found = gradient(goal.scenario, designs, goal.network, seeds, names, mode="forward", rules=goal.rules,
-                         key=goal.key)  # fmt: skip
+                         key=goal.key, controller=goal.controller)  # fmt: skip
         auc = found["auc"].values.astype(np.float64)
         by_value = np.stack([found[f"d_auc_{name}"].values.astype(np.float64) for name in names], axis=-1)
         return qoc_slope(auc, goal.scale)[..., None] * by_value * self.problem.space.slopes(units)[:, None, :]
