@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from qocjax import Acceleration, Design, Scenario, evaluate, paper_network
+from qocjax import Acceleration, Design, Scenario, Unicycle, evaluate, paper_network
 from qocjax.study.statistics import estimate, share
 
 RESULTS = Path(__file__).parent / "results"
@@ -29,7 +29,7 @@ def main() -> None:
     """All robots at all deadlines."""
     rows, first = [], None
     for name, limits in ROBOTS.items():
-        runs = evaluate(Scenario(acceleration=limits), Design(deadline=DEADLINES), paper_network(), SEEDS)
+        runs = evaluate(Scenario(robot=Unicycle(limits)), Design(deadline=DEADLINES), paper_network(), SEEDS)
         auc = runs["auc"].values.mean(axis=2)
         first = auc if first is None else first
         for deadline, values, free, hits in zip(DEADLINES, auc, first, runs["collided"].values, strict=True):

@@ -4,17 +4,16 @@
     designs = qocjax.Design(kappa=[1.0, 2.0, 3.0])
     metrics = qocjax.evaluate(qocjax.Scenario(), designs, qocjax.paper_network(), range(32))
 
-The story by module: `scenario` (what is simulated, what one may choose), `unicycle` and `acceleration` (the robot),
-`controllers` (the law), `network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and
-`reference` (AUC and QoC), `batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures`
-(files and pictures).
+The story by module: `scenario` (what is simulated, what one may choose), `robots` (how they move), `controllers` (the
+law), `network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and `reference` (AUC and
+QoC), `batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures` (files and pictures).
 """
 
-from qocjax.acceleration import Acceleration
 from qocjax.batch import evaluate, gradient
 from qocjax.network import Network, kth_5g_network, paper_network, read_trace
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale, qoc
+from qocjax.robots import Acceleration, Robot, Unicycle
 from qocjax.scenario import Design, Scenario
 from qocjax.simulate import Run, simulate
 from qocjax.study import Study, one_at_a_time, open_study, replay, run_study
@@ -26,10 +25,12 @@ __all__ = [
     "Design",
     "Network",
     "QocScale",
+    "Robot",
     "Rules",
     "Run",
     "Scenario",
     "Study",
+    "Unicycle",
     "evaluate",
     "gradient",
     "kth_5g_network",

@@ -6,6 +6,7 @@ once for both; how a batch is laid out is the business of `qocjax.batch`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -14,14 +15,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from qocjax._math import AngleMath
-from qocjax.acceleration import drive, parts
 from qocjax.controllers import Apf, Controller, Sight, Task
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
 from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
 from qocjax.quality import Tally
 from qocjax.reference import reference_path
+from qocjax.robots import Command, Pose, pose_from
 from qocjax.scenario import CONTINUOUS, Design, Scenario
-from qocjax.unicycle import Command, Pose, arc, pose_from
 
 __all__ = ["Outcome", "Plan", "Recorded", "run_closed_loop"]
 
@@ -123,10 +123,10 @@ def run_closed_loop(
     rows = _Row(jnp.arange(num_ticks), lengths, network, between, (path[0][1:], path[1][1:]))
 
     pose = jax.tree.map(lambda a: jnp.broadcast_to(a, _batch_shape(start, loop_times, design)), pose_from(start))
-    still = Command(jnp.zeros_like(pose.x), jnp.zeros_like(pose.x))
-    task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.acceleration)
+    still = scenario.robot.still(pose)
+    task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.robot)
     memory = plan.controller.begin(task, pose, keys)
-    kept = still if scenario.acceleration is not None or plan.controller.sees_speed else None
+    kept = still if scenario.robot.remembers or plan.controller.sees_speed else None
     state = _State(pose, still, kept, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
     tick = _Tick(scenario, task, mid_tick, plan)
     loop = Loop(tick.sample, tick.act, still)
@@ -177,35 +177,35 @@ class _Tick:
             moved = self._move(halfway, applied, applied.scaled(net.gain_mid), row.length - h, row.reference_end)
         if not self.plan.record:
             return moved, None
-        return moved, (state.pose, first, first if self.scenario.acceleration is None else state.speed)
+        return moved, (state.pose, first, state.speed if self.scenario.robot.remembers else first)
 
     def _move(
         self, state: _State, applied: Command, command: Command, h: Array, reference: tuple[Array, Array]
     ) -> _State:
-        """Moves over a piece of constant command and takes it into the totals."""
-        if self.scenario.acceleration is not None:
-            return self._drive(replace(state, applied=applied), command, h, reference)
-        pose = arc(state.pose, command, h, self.plan.math)
-        error = (pose.x - reference[0], pose.y - reference[1])
-        tally = state.tally.over_piece(self.scenario, (state.error, error), (state.pose, pose), command, h)
-        speed = None if state.speed is None else command
-        return replace(state, pose=pose, applied=applied, speed=speed, error=error, tally=tally)
-
-    def _drive(self, state: _State, command: Command, h: Array, reference: tuple[Array, Array]) -> _State:
-        """The same where speeds take time to follow the command."""
-        limits = self.scenario.acceleration
-        assert limits is not None and state.speed is not None  # for the type checker
-        start = (state.pose.x - state.error[0], state.pose.y - state.error[1])
-        left, per_second = h, 1.0 / jnp.where(h > 0, h, 1.0)
-        for part in parts(state.speed, command, h, limits):
-            left = left - part.duration
-            share = left * per_second  # over a piece the reference counts as straight
-            path = [last - share * (last - first) for first, last in zip(start, reference, strict=True)]
-            pose = drive(state.pose, part, self.plan.math)
-            error = (pose.x - path[0], pose.y - path[1])
-            tally = state.tally.over_part(self.scenario, (state.error, error), (state.pose, pose), part)
-            state = replace(state, pose=pose, speed=part.end, error=error, tally=tally)
+        """Moves under a constant command and takes each piece of the motion into the totals."""
+        pieces = self.scenario.robot.move(state.pose, state.speed, command, h, self.plan.math)
+        path = [reference] if len(pieces) == 1 else _straight(state, reference, h, [each.duration for each in pieces])
+        state = replace(state, applied=applied)
+        for piece, (x, y) in zip(pieces, path, strict=True):
+            error = (piece.pose.x - x, piece.pose.y - y)
+            tally = state.tally.over_piece(self.scenario, (state.error, error), state.pose, piece)
+            speed = None if state.speed is None else piece.speed
+            state = replace(state, pose=piece.pose, speed=speed, error=error, tally=tally)
         return state
+
+
+def _straight(
+    state: _State, reference: tuple[Array, Array], h: Array, durations: Sequence[Array]
+) -> list[tuple[Array, Array]]:
+    """The reference at the end of each piece of a motion: over all of them together it counts as straight."""
+    start = (state.pose.x - state.error[0], state.pose.y - state.error[1])
+    left, per_second, found = h, 1.0 / jnp.where(h > 0, h, 1.0), []
+    for duration in durations:
+        left = left - duration
+        share = left * per_second
+        x, y = (last - share * (last - first) for first, last in zip(start, reference, strict=True))
+        found.append((x, y))
+    return found
 
 
 def _whole_blocks(loop_times: Array, plan: Plan) -> Array:

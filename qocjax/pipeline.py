@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from qocjax.network.schedule import Rules
-from qocjax.unicycle import Command
+from qocjax.robots import Command
 
 __all__ = ["Loop", "block_length", "in_blocks", "through_buffer"]
 

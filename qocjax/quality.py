@@ -11,10 +11,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from qocjax import _checks
-from qocjax.acceleration import Part
 from qocjax.pairs import closest_squared
+from qocjax.robots import Piece, Pose
 from qocjax.scenario import Design, Scenario
-from qocjax.unicycle import Command, Pose
 
 __all__ = ["QocScale", "Tally", "initial_norm", "qoc", "qoc_slope"]
 
@@ -85,8 +84,8 @@ class Tally:
     """Running totals of a run: what the loop carries of the metrics."""
 
     integral: Array  # [N, *B] ∫ |delta|²_W dt, m² s
-    path_length: Array  # [N, *B] ∫ |nu| dt, m
-    effort: Array  # [N, *B] ∫ nu² + omega² dt, mixed units as in the paper's "control effort"
+    path_length: Array  # [N, *B] ∫ |velocity| dt, m
+    effort: Array  # [N, *B] ∫ of the squares of all speeds dt, mixed units as in the paper's "control effort"
     closest: Array  # [*B] smallest squared distance between robots at the sampling instants, m²
     last_away: Array  # [N, *B] last sampling instant (tick) farther than 2 d_safe from the goal, -1 for none
 
@@ -107,8 +106,8 @@ class Tally:
             jnp.where(away, jnp.asarray(tick, self.last_away.dtype), self.last_away),
         )
 
-    def over_piece(self, scenario: Scenario, error: Ends, pose: tuple[Pose, Pose], command: Command, h: Array) -> Tally:
-        """Takes in a piece of constant command.
+    def over_piece(self, scenario: Scenario, error: Ends, pose: Pose, piece: Piece) -> Tally:
+        """Takes in a piece of motion.
 
         The squared disagreement is integrated by the trapezoid corrected with its slopes at both ends, h/2 (f + f') +
         h²/12 (df - df'), which is exact for cubics; over a piece the reference counts as straight.
@@ -116,40 +115,24 @@ class Tally:
         Args:
             scenario: The weights W.
             error: delta at the beginning and at the end, each a pair of coordinates [N, *B].
-            pose: At the beginning and at the end.
-            command: In force over the piece.
-            h: Its length (s).
+            pose: At the beginning.
+            piece: What is moved.
         """
-        chord = h * command.nu
         return replace(
             self,
-            integral=self.integral + self._area(scenario, error, pose, (chord, chord), h),
-            path_length=self.path_length + jnp.abs(chord),
-            effort=self.effort + h * (command.nu * command.nu + command.omega * command.omega),
+            integral=self.integral + self._area(scenario, error, pose, piece),
+            path_length=self.path_length + piece.length,
+            effort=self.effort + piece.effort,
         )
 
-    def over_part(self, scenario: Scenario, error: Ends, pose: tuple[Pose, Pose], part: Part) -> Tally:
-        """Takes in a part over which speeds are linear in time, by the same rule."""
-        h, begin, end = part
-        chords = (h * begin.nu, h * end.nu)
-        squares = (a * (a + b) + b * b for a, b in ((begin.nu, end.nu), (begin.omega, end.omega)))
-        return replace(
-            self,
-            integral=self.integral + self._area(scenario, error, pose, chords, h),
-            path_length=self.path_length + jnp.abs(0.5 * (chords[0] + chords[1])),
-            effort=self.effort + (1 / 3) * h * sum(squares),
-        )
-
-    def _area(
-        self, scenario: Scenario, error: Ends, pose: tuple[Pose, Pose], chords: tuple[Array, Array], h: Array
-    ) -> Array:
-        """∫ |delta|²_W dt of a piece; `chords` are its speeds at both ends times h."""
+    def _area(self, scenario: Scenario, error: Ends, pose: Pose, piece: Piece) -> Array:
+        """∫ |delta|²_W dt of a piece."""
         weights = jnp.asarray(scenario.weights)
         (x, y), (next_x, next_y) = error
-        first, last = pose
-        along_x = self._axis(x, next_x, last.x - first.x, chords[0] * first.cos, chords[1] * last.cos)
-        along_y = self._axis(y, next_y, last.y - first.y, chords[0] * first.sin, chords[1] * last.sin)
-        return (1 / 6) * h * (weights[0] * along_x + weights[1] * along_y)
+        begin, end, last = piece.slope_begin, piece.slope_end, piece.pose
+        along_x = self._axis(x, next_x, last.x - pose.x, begin[0], end[0])
+        along_y = self._axis(y, next_y, last.y - pose.y, begin[1], end[1])
+        return (1 / 6) * piece.duration * (weights[0] * along_x + weights[1] * along_y)
 
     @staticmethod
     def _axis(a: Array, b: Array, moved: Array, heads: Array, next_heads: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from qocjax import _checks
-from qocjax.acceleration import Acceleration
+from qocjax.robots import Robot, Unicycle
 
 __all__ = ["CONTINUOUS", "DESIGN", "NORMALISERS", "REFERENCES", "Design", "Scenario", "num_ticks"]
 
@@ -76,7 +76,7 @@ class Scenario:
         start_jitter: Standard deviation of the start position per axis (m) and of the heading (rad), drawn anew for
             each Monte Carlo seed; (0, 0) switches it off.
         robot_radius: Two robots closer than two radii count as a collision (m).
-        acceleration: Limits on how fast the robots' speeds change; None where a command is obeyed at once.
+        robot: What kind of robot they are.
     """
 
     start: ArrayLike = field(default_factory=lambda: np.array([[-2.0, -1.5, 0.3], [-2.0, 1.5, 0.0]]))
@@ -90,7 +90,7 @@ class Scenario:
     weights: ArrayLike = field(default_factory=lambda: np.ones(2))
     start_jitter: tuple[float, float] = field(default=(0.1, 0.1), metadata={"static": True})
     robot_radius: ArrayLike = 0.105
-    acceleration: Acceleration | None = None
+    robot: Robot = field(default_factory=Unicycle)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -107,10 +107,11 @@ class Scenario:
         _checks.bounded("weights", self.weights, above=0)
         for name in ("nominal_kappa", "nominal_v_max", "robot_radius"):
             _checks.bounded(name, getattr(self, name), above=0, shape=())
-        if self.acceleration is not None:
-            if not isinstance(self.acceleration, Acceleration):
-                raise TypeError(f"acceleration: got {self.acceleration!r}, expected an Acceleration or None")
-            self.acceleration.check()
+        if not isinstance(self.robot, Robot) or jax.tree_util.all_leaves([self.robot]):
+            raise TypeError(
+                f"robot: got {self.robot!r}, expected a Robot that is registered as a pytree, as Unicycle()"
+            )
+        self.robot.check()
         if not isinstance(self.reference_per_robot, (bool, np.bool_)):
             raise TypeError(f"reference_per_robot: got {self.reference_per_robot!r}, expected True or False")
         _checks.choice("reference", self.reference, REFERENCES)

@@ -39,7 +39,7 @@ class Case:
             reference=s.reference, reference_kappa=s.nominal_kappa, reference_v_max=s.nominal_v_max,
             reference_per_robot=s.reference_per_robot, weights=tuple(s.weights),
             normaliser={"initial_disagreement": "start"}.get(s.normaliser, s.normaliser),
-            acceleration=None if s.acceleration is None else tuple(vars(s.acceleration).values()),
+            acceleration=None if s.robot.acceleration is None else tuple(vars(s.robot.acceleration).values()),
             **HOLD_OPTIONS | options,
         )  # fmt: skip
 

@@ -12,12 +12,12 @@ from cases import DEADLINES, HOLD_OPTIONS, MODES, GivenNetwork, a_case, assert_s
 from hydra import compose, initialize_config_dir
 from scipy.integrate import solve_ivp
 
-from qocjax import Acceleration, Design, Scenario, evaluate, gradient, paper_network, simulate
+from qocjax import Acceleration, Design, Scenario, Unicycle, evaluate, gradient, paper_network, simulate
 from qocjax._math import EXACT
-from qocjax.acceleration import drive, parts
 from qocjax.config import conf_dir, load
 from qocjax.config.study import StudyConfig
-from qocjax.unicycle import Command, Pose, arc, pose_from
+from qocjax.robots import Command, Pose, arc, pose_from
+from qocjax.robots.acceleration import drive, parts
 
 SLOW = Acceleration(ax_max=1.0, ax_min=-1.7, az_max=2.5)
 RNG = np.random.default_rng(3)
@@ -60,7 +60,7 @@ def test_motion_solves_its_differential_equation(k: int) -> None:
 def test_the_loop_like_the_slow_loop(k: int) -> None:
     for n, kind in enumerate(DEADLINES):
         case = a_case(np.random.default_rng(10 * k + n), kind, num_robots=2, ticks=12, horizon=1.3, choice=k)
-        case = replace(case, scenario=replace(case.scenario, acceleration=SLOW))
+        case = replace(case, scenario=replace(case.scenario, robot=Unicycle(SLOW)))
         run, slow = (
             simulate(case.scenario, case.design, case.loop_times, *MODES[k], **HOLD_OPTIONS),
             case.slow(*MODES[k]),
@@ -71,7 +71,7 @@ def test_the_loop_like_the_slow_loop(k: int) -> None:
 
 def test_the_area_like_the_slow_loop() -> None:
     case = a_case(np.random.default_rng(2), "typical", num_robots=2, ticks=65, horizon=1.3)
-    case = replace(case, scenario=replace(case.scenario, acceleration=SLOW))
+    case = replace(case, scenario=replace(case.scenario, robot=Unicycle(SLOW)))
     run = simulate(case.scenario, case.design, case.loop_times)
     np.testing.assert_allclose(run.auc, case.slow()["auc"], rtol=2e-5)
 
@@ -80,7 +80,7 @@ def test_limits_are_kept_and_infinite_ones_are_none() -> None:
     scenario, design = Scenario(horizon=9.0), Design(deadline=0.2)
     times = np.random.default_rng(1).uniform(0.1, 0.3, (900, 2))
     free, unlimited, slow = (
-        simulate(replace(scenario, acceleration=each), design, times) for each in (None, Acceleration(), SLOW)
+        simulate(replace(scenario, robot=Unicycle(each)), design, times) for each in (None, Acceleration(), SLOW)
     )
     np.testing.assert_allclose(unlimited.pose, free.pose, atol=1e-6)
     np.testing.assert_allclose(unlimited.auc, free.auc, rtol=1e-6)
@@ -89,24 +89,28 @@ def test_limits_are_kept_and_infinite_ones_are_none() -> None:
     assert change[..., 0].max() == pytest.approx(1.0) and change[..., 0].min() == pytest.approx(-1.7)
     assert np.abs(change[..., 1]).max() == pytest.approx(2.5)
     assert np.all(np.asarray(slow.auc) > np.asarray(free.auc))
-    only_turns = simulate(replace(scenario, acceleration=Acceleration(az_max=0.5)), design, times)
+    only_turns = simulate(replace(scenario, robot=Unicycle(Acceleration(az_max=0.5))), design, times)
     assert np.abs(np.diff(np.asarray(only_turns.speed)[..., 1], axis=0)).max() == pytest.approx(0.005)
     assert np.diff(np.asarray(only_turns.speed)[..., 0], axis=0).max() > 0.1
 
 
 def test_batches_and_float32_are_the_single_run() -> None:
-    scenario = Scenario(acceleration=SLOW, start_jitter=(0.0, 0.0), horizon=8.0)
+    scenario = Scenario(robot=Unicycle(SLOW), start_jitter=(0.0, 0.0), horizon=8.0)
     designs = Design(kappa=np.array([1.0, 2.0]), deadline=np.array([0.2, 0.25]))
     both = [evaluate(scenario, designs, paper_network(), [0, 1, 2], dtype=dtype) for dtype in ("float64", "float32")]
     for name in ("auc", "path_length", "effort", "min_distance"):
         np.testing.assert_allclose(both[1][name], both[0][name], rtol=2e-3, err_msg=name)
-    free = evaluate(replace(scenario, acceleration=None), designs, paper_network(), [0, 1, 2], dtype="float64")
+    free = evaluate(replace(scenario, robot=Unicycle()), designs, paper_network(), [0, 1, 2], dtype="float64")
     assert (both[0]["auc"] > free["auc"]).all()
 
 
 @pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
 def test_gradients(mode: str) -> None:
-    scenario, at, step = Scenario(acceleration=SLOW, horizon=1.5, start_jitter=(0.0, 0.0)), np.array([0.1, 2.1]), 1e-6
+    scenario, at, step = (
+        Scenario(robot=Unicycle(SLOW), horizon=1.5, start_jitter=(0.0, 0.0)),
+        np.array([0.1, 2.1]),
+        1e-6,
+    )
 
     def designs(points: np.ndarray) -> Design:
         return Design(kappa=points[:, 0], gamma=points[:, 1], tau=0.1, deadline=0.17)
@@ -136,17 +140,17 @@ def test_an_arc_is_the_limit_of_a_drive() -> None:
 )
 def test_wrong_limits(limits: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Scenario(acceleration=Acceleration(**limits))
+        Scenario(robot=Unicycle(Acceleration(**limits)))
     with pytest.raises(TypeError, match="acceleration: got 2.5, expected an Acceleration or None"):
-        Scenario(acceleration=2.5)  # type: ignore[arg-type]
+        Scenario(robot=Unicycle(2.5))  # type: ignore[arg-type]
 
 
 def test_the_robot_of_the_configuration() -> None:
     with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
         built = [
-            load(StudyConfig, compose("sweep", list(options))).build_scenario().acceleration
+            load(StudyConfig, compose("sweep", list(options))).build_scenario().robot
             for options in ((), ("robot=turtlebot3_burger",), ("robot.az_max=2.0",))
         ]
-        assert built == [None, Acceleration(3.0, -2.5, 3.2), Acceleration(az_max=2.0)]
+        assert built == [Unicycle(each) for each in (None, Acceleration(3.0, -2.5, 3.2), Acceleration(az_max=2.0))]
         with pytest.raises(ValueError, match=r"ax_min: got 2.5, expected a number below 0"):
             load(StudyConfig, compose("sweep", ["robot.ax_min=2.5"])).build_scenario()

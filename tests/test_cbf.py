@@ -14,7 +14,7 @@ from qocjax import Design, Scenario, evaluate, paper_network, simulate
 from qocjax._math import EXACT
 from qocjax.controllers import Apf, Cbf, Sight, Task
 from qocjax.controllers.halfplanes import HalfPlanes, nearest
-from qocjax.unicycle import pose_from
+from qocjax.robots import pose_from
 
 
 def planes(angles: np.ndarray, bounds: np.ndarray) -> HalfPlanes:

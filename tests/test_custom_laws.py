@@ -52,7 +52,7 @@ LAWS = """
 from dataclasses import dataclass
 import jax.numpy as jnp
 from qocjax.controllers import Apf, Law
-from qocjax.unicycle import Command
+from qocjax.robots import Command
 
 class Still(Law):
     unread = ("eta",)

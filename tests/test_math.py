@@ -13,7 +13,7 @@ from qocjax import Design
 from qocjax._math import EXACT, POLYNOMIALS, AngleMath, angle_math
 from qocjax.controllers.apf import MIN_DISTANCE, apf
 from qocjax.pairs import closest_squared, pair_forces
-from qocjax.unicycle import Command, Pose, arc, pose_from
+from qocjax.robots import Command, Pose, arc, pose_from
 
 LONGEST, POLYNOMIAL = POLYNOMIALS[-1]
 MATHS = (EXACT, POLYNOMIAL)

@@ -32,7 +32,7 @@ from qocjax.navigation.noise import normal_pairs
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
 from qocjax.navigation.smoothing import shifted, smoothed
 from qocjax.navigation.stack_parts import STACK_MPPI
-from qocjax.unicycle import Command
+from qocjax.robots import Command
 
 step = jax.jit(mppi.step, static_argnames=("config", "record"))
 

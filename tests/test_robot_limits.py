@@ -17,8 +17,8 @@ from hydra import compose, initialize_config_dir
 
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
+from qocjax.config.robot import RobotConfig
 from qocjax.config.robots import presets
-from qocjax.config.simulation import RobotConfig
 from qocjax.config.trace import TraceConfig
 from qocjax.ingest import run as ingest_run
 from qocjax.recorded import RecordedRun

@@ -20,11 +20,11 @@ from rosbags.typesys import Stores, get_typestore
 
 import qocjax
 from qocjax import ingest
-from qocjax.acceleration import Acceleration
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.show import ShowConfig
 from qocjax.navigation import Grid, Rectangle, map_of_shapes
+from qocjax.robots import Acceleration, Unicycle
 from qocjax.ros.bag import BEGIN
 from qocjax.show import run as show
 
@@ -35,7 +35,7 @@ TICKS = round(HORIZON / TAU)
 @pytest.fixture(scope="module")
 def simulated() -> Any:
     """Two robots that take time to obey; loops are lost and late, the deadline lies between two sampling instants."""
-    scenario = qocjax.Scenario(horizon=HORIZON, acceleration=Acceleration(2.0, -2.0, 4.0))
+    scenario = qocjax.Scenario(horizon=HORIZON, robot=Unicycle(Acceleration(2.0, -2.0, 4.0)))
     times = np.array(qocjax.paper_network().draw(jax.random.key(3), TICKS, 2, TAU))
     times[100:140] = np.inf
     return qocjax.simulate(scenario, qocjax.Design(deadline=DEADLINE, tau=TAU), times)

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from qocjax._math import EXACT
 from qocjax.controllers import apf
 from qocjax.network.schedule import Rules, schedule, split_deadline
+from qocjax.robots import pose_from
 from qocjax.ros import DeadlineGate, Injection, drawn_loop_times
 from qocjax.scenario import Design, Scenario
 from qocjax.simulate import simulate
-from qocjax.unicycle import pose_from
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000  # ns

@@ -36,7 +36,7 @@ from qocjax.navigation import (
     snapshot,
 )
 from qocjax.network import Constant, LoopNetwork
-from qocjax.unicycle import Command, Pose, arc
+from qocjax.robots import Command, Pose, Unicycle, arc
 
 TAU = 0.05
 SMALL = replace(STACK_MPPI, batch_size=64, time_steps=14)
@@ -112,7 +112,7 @@ def test_prediction_is_where_the_robot_is_when_its_command_takes_effect(deadline
 
 
 def test_prediction_knows_that_speeds_take_time_to_change() -> None:
-    slow = replace(SHORT, acceleration=Acceleration(0.8, -1.0, 1.5))
+    slow = replace(SHORT, robot=Unicycle(Acceleration(0.8, -1.0, 1.5)))
     run = simulate(slow, design(0.2), times(), controller=replace(STACK, predict=True))
     np.testing.assert_allclose(np.asarray(run.view.begin)[:16], np.asarray(run.pose)[4:20], atol=1e-9)
     begin = np.stack([np.asarray(run.view.speed.nu), np.asarray(run.view.speed.omega)], -1)

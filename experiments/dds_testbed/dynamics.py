@@ -7,8 +7,8 @@ import numpy as np
 
 from experiments.dds_testbed.plan import Plan
 from qocjax._math import EXACT
+from qocjax.robots import Command, Pose, arc, pose_from
 from qocjax.ros.gate import DeadlineGate
-from qocjax.unicycle import Command, Pose, arc, pose_from
 
 __all__ = ["Robots"]
 

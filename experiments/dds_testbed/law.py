@@ -16,7 +16,7 @@ from qocjax._math import EXACT
 from qocjax.controllers import Apf, Controller, Sight, Task, apf
 from qocjax.navigation.gather import Memory
 from qocjax.navigation.stack import NavigationStack
-from qocjax.unicycle import Command, pose_from
+from qocjax.robots import Command, pose_from
 
 __all__ = ["Law", "law_of"]
 

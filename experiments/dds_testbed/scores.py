@@ -14,10 +14,11 @@ from experiments.dds_testbed.crossing import ReceivedBy
 from experiments.dds_testbed.link import EDGE, ROBOT, SIDES
 from experiments.dds_testbed.plan import Plan
 from qocjax import QocScale, Scenario, simulate
+from qocjax._math import EXACT
 from qocjax.controllers import Controller
 from qocjax.quality import Tally, initial_norm
 from qocjax.reference import reference_origin, reference_path
-from qocjax.unicycle import Command, Pose, pose_from
+from qocjax.robots import Command, Pose, arc_piece, pose_from
 
 __all__ = ["auc_of", "ideal_scale", "loop_table", "loop_times", "messages", "pose_table", "received", "replayed"]
 
@@ -109,7 +110,8 @@ def _integral(
         ends = tuple(pose_from(poses[k + each]) for each in (0, 1))
         error = tuple((pose.x - path[0][k + each], pose.y - path[1][k + each]) for each, pose in enumerate(ends))
         command = Command(speeds[k, 0], speeds[k, 1])
-        return tally.over_piece(scenario, error, ends, command, instants[k + 1] - instants[k]), None
+        piece = arc_piece(ends[0], command, instants[k + 1] - instants[k], EXACT)._replace(pose=ends[1])
+        return tally.over_piece(scenario, error, ends[0], piece), None
 
     first: Pose = pose_from(poses[0])
     tally, _ = jax.lax.scan(over, Tally.zero(first), jnp.arange(len(speeds)))

@@ -1,8 +1,9 @@
-"""The robots of `conf/robot`, for comparison with recorded ones."""
+"""The robots of `conf/robot` that are unicycles, for comparison with recorded ones."""
 
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 from omegaconf import OmegaConf
 
@@ -12,11 +13,15 @@ from qocjax.recorded.nearest import Preset
 __all__ = ["presets"]
 
 
+_UNICYCLE = "qocjax.robots.Unicycle"
+
+
 @cache
 def presets() -> tuple[Preset, ...]:
-    """Every preset, by name."""
+    """Every one, by name."""
     found = []
     for path in sorted((conf_dir() / "robot").glob("*.yaml")):
-        content = OmegaConf.load(path)
-        found.append(Preset(path.stem, content.v_max, content.omega_max, content.radius))
+        content: Any = OmegaConf.load(path)
+        if content.get("_target_", _UNICYCLE) == _UNICYCLE:
+            found.append(Preset(path.stem, content.v_max, content.omega_max, content.radius))
     return tuple(found)

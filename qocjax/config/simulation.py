@@ -9,11 +9,11 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from qocjax.acceleration import Acceleration
 from qocjax.config.controller import ControllerConfig, map_of
 from qocjax.config.network import NetworkConfig
 from qocjax.config.options import number_at
 from qocjax.config.part import Part
+from qocjax.config.robot import RobotConfig
 from qocjax.controllers import Controller
 from qocjax.navigation import StaticMap
 from qocjax.network import Network, faster_than_measured
@@ -22,58 +22,6 @@ from qocjax.scenario import DESIGN, Design, Scenario
 from qocjax.tunables import LOOP, NETWORK, ROBOT, Tunable, by_name
 
 __all__ = ["SimulationConfig"]
-
-
-_LIMITS = {"v_max": "v_limit", "omega_max": "omega_limit"}
-
-
-class RobotConfig(Part):
-    """Speed caps, size, and how fast speeds change."""
-
-    v_max: float
-    omega_max: float
-    radius: float
-    v_limit: float | None = None
-    omega_limit: float | None = None
-    ax_max: float | None = None
-    ax_min: float | None = None
-    az_max: float | None = None
-
-    @property
-    def acceleration(self) -> Acceleration | None:
-        """Limits on how fast speeds change; None where there is none of them."""
-        given = {name: getattr(self, name) for name in ("ax_max", "ax_min", "az_max")}
-        found = {name: value for name, value in given.items() if value is not None}
-        return Acceleration(**found) if found else None
-
-    def limit(self, parameter: str) -> float | None:
-        """What the robot can do at most, of `v_max` or `omega_max`; None for any other and where no limit is known."""
-        return {"v_max": self.v_limit, "omega_max": self.omega_limit}.get(parameter)
-
-    def within(self, option: str, parameter: str, values: list[float]) -> list[float]:
-        """The values of a list that the robot can do.
-
-        Raises:
-            ValueError: None of them.
-        """
-        most = self.limit(parameter)
-        kept = values if most is None else [value for value in values if value <= most]
-        if values and not kept:
-            raise ValueError(f"{option}: got {values}, expected some up to {most:g}, what the robot can do "
-                             f"(robot.{_LIMITS[parameter]}=null takes any)")  # fmt: skip
-        return kept
-
-    def check(self) -> None:
-        """Checks that the caps are what the robot can do.
-
-        Raises:
-            ValueError: One is more.
-        """
-        for parameter, option in _LIMITS.items():
-            most = self.limit(parameter)
-            if most is not None and getattr(self, parameter) > most:
-                got = getattr(self, parameter)
-                raise ValueError(f"robot.{parameter}: got {got:g}, expected at most robot.{option}, {most:g}")
 
 
 class LoopConfig(Part):
@@ -128,7 +76,7 @@ class ScenarioConfig(Part):
             weights=np.array(self.weights, float),
             start_jitter=tuple(self.start_jitter),  # type: ignore[arg-type]
             robot_radius=robot.radius,
-            acceleration=robot.acceleration,
+            robot=robot.build(),
         )
 
 

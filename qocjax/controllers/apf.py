@@ -11,14 +11,16 @@ from qocjax._math import AngleMath
 from qocjax.controllers.interface import Sight, Task
 from qocjax.controllers.law import Law
 from qocjax.pairs import pair_forces
+from qocjax.robots import Command, Pose, Robot, Unicycle
 from qocjax.scenario import Design
 from qocjax.tunables import APF
-from qocjax.unicycle import Command, Pose
 
-__all__ = ["MIN_DISTANCE", "Apf", "apf", "steer"]
+__all__ = ["MIN_DISTANCE", "Apf", "apf"]
 
 # Floor of d_ij, so that coincident robots give finite numbers (m).
 MIN_DISTANCE = 1e-6
+
+_UNICYCLE = Unicycle()
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,17 @@ class Apf(Law):
 
     def command(self, task: Task, memory: tuple[()], sight: Sight) -> tuple[tuple[()], Command, tuple[()]]:
         """The law at one sampling instant."""
-        return (), apf(sight.pose, sight.age, task.goal, task.design, task.math), ()
+        return (), apf(sight.pose, sight.age, task.goal, task.design, task.math, task.robot), ()
 
 
-def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math: AngleMath) -> Command:
+def apf(
+    pose: Pose,
+    age: Array,
+    goal: tuple[Array, Array],
+    design: Design,
+    math: AngleMath,
+    robot: Robot = _UNICYCLE,
+) -> Command:
     """Commands from the poses and ages at one sampling instant.
 
     Args:
@@ -42,6 +51,7 @@ def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math:
         goal: The two coordinates of p*, each broadcastable to [N, *B] (m).
         design: Parameters broadcastable to [N, *B].
         math: Functions of angles.
+        robot: What is steered.
 
     Returns:
         The saturated command, [N, *B] (paper, Eqs. 4 to 8).
@@ -49,18 +59,7 @@ def apf(pose: Pose, age: Array, goal: tuple[Array, Array], design: Design, math:
     push_x, push_y = _repulsion(pose, age, design)
     v_x = (goal[0] - pose.x) * design.kappa + push_x
     v_y = (goal[1] - pose.y) * design.kappa + push_y
-    return steer(v_x, v_y, pose, design, math)
-
-
-def steer(v_x: Array, v_y: Array, pose: Pose, design: Design, math: AngleMath) -> Command:
-    """The saturated command that turns a unicycle into a desired velocity (m/s), [N, *B] (paper, Eqs. 7 and 8)."""
-    # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
-    along = v_x * pose.cos + v_y * pose.sin
-    across = v_y * pose.cos - v_x * pose.sin
-    error = math.atan2(across, along)
-    nu = jnp.minimum(jnp.maximum(along, 0.0), design.v_max)
-    omega = jnp.minimum(jnp.maximum(error * design.gamma, jnp.negative(design.omega_max)), design.omega_max)
-    return Command(nu, omega)
+    return robot.steer(v_x, v_y, pose, design, math)
 
 
 def _repulsion(pose: Pose, age: Array, design: Design) -> tuple[Array, Array]:

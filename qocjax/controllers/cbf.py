@@ -24,13 +24,13 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from qocjax import _checks
-from qocjax.controllers.apf import MIN_DISTANCE, steer
+from qocjax.controllers.apf import MIN_DISTANCE
 from qocjax.controllers.halfplanes import HalfPlanes, nearest
 from qocjax.controllers.interface import Sight, Task
 from qocjax.controllers.law import Law
+from qocjax.robots import Command, Pose
 from qocjax.scenario import Design
 from qocjax.tunables import CBF
-from qocjax.unicycle import Command, Pose
 
 __all__ = ["Cbf"]
 
@@ -62,7 +62,7 @@ class Cbf(Law):
         over = jnp.maximum(jnp.hypot(wanted_x, wanted_y) / design.v_max, 1.0)
         planes = _barriers(pose, sight.age, design, design.others.get("controller.alpha", self.alpha))
         v_x, v_y, admissible = nearest(wanted_x / over, wanted_y / over, planes)
-        return memory + ~admissible, steer(v_x, v_y, pose, design, task.math), ()
+        return memory + ~admissible, task.robot.steer(v_x, v_y, pose, design, task.math), ()
 
     def report(self, memory: Array) -> dict[str, Array]:
         """How often no velocity kept every barrier."""

@@ -8,10 +8,9 @@ import numpy as np
 from jax import Array
 
 from qocjax._math import AngleMath
-from qocjax.acceleration import Acceleration
+from qocjax.robots import Command, Pose, Robot, Unicycle
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import Tunable
-from qocjax.unicycle import Command, Pose
 
 __all__ = ["Controller", "Sight", "Task"]
 
@@ -26,7 +25,7 @@ class Task(NamedTuple):
     lag: Array  # whole sampling periods of the deadline
     rest: Array  # of the deadline (s)
     slots: int  # most commands that are under way at once; 0 where the loop has no buffer
-    acceleration: Acceleration | None = None  # limits of the robots; None where they obey a command at once
+    robot: Robot = Unicycle()  # what kind of robot they are
 
 
 class Sight(NamedTuple):

@@ -11,9 +11,9 @@ from jax import Array
 
 from qocjax import _checks
 from qocjax.controllers.interface import Sight, Task
+from qocjax.robots import Command, Pose
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import Tunable
-from qocjax.unicycle import Command, Pose
 
 __all__ = ["Law", "check_unread"]
 

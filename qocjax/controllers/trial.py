@@ -14,8 +14,8 @@ from jax import Array, ShapeDtypeStruct
 
 from qocjax._math import EXACT
 from qocjax.controllers.interface import Controller, Sight, Task
+from qocjax.robots import Command, Pose
 from qocjax.scenario import CONTINUOUS, DESIGN, Design
-from qocjax.unicycle import Command, Pose
 
 __all__ = ["failure_text", "try_out"]
 

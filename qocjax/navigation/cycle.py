@@ -15,7 +15,7 @@ from qocjax.navigation.mppi import Limits, Rollouts, State, step
 from qocjax.navigation.planner import plan
 from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import varied
-from qocjax.unicycle import Command
+from qocjax.robots import Command
 
 __all__ = ["Robot", "View", "cycle", "look"]
 

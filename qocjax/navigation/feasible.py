@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
-from qocjax.unicycle import Command
+from qocjax.robots import Command
 
 if TYPE_CHECKING:
     from qocjax.navigation.mppi_config import MppiConfig

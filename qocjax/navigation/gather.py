@@ -12,9 +12,9 @@ from jax import Array, lax
 from qocjax.controllers.interface import Sight, Task
 from qocjax.navigation.costmap import Obstacles, others
 from qocjax.navigation.cycle import Robot
-from qocjax.navigation.mppi import Limits, State, predict, predict_driven
+from qocjax.navigation.mppi import Limits, State, predict_driven
 from qocjax.navigation.stack_parts import StackParts
-from qocjax.unicycle import Command
+from qocjax.robots import Command
 
 __all__ = ["Memory", "gather"]
 
@@ -91,14 +91,12 @@ def _predicted(task: Task, memory: Memory, sight: Sight) -> tuple[Array, Command
     # Each is in force for one period; between sampling instants, the oldest one for what is left of it.
     durations = jnp.where(ago <= task.lag, task.design.tau, jnp.where(ago == task.lag + 1, task.rest, 0.0))
     commands, durations = Command(under_way[..., 0], under_way[..., 1]), durations.astype(sampled.dtype)
-    if task.acceleration is not None:
-        return predict_driven(sampled, sight.speed, commands, durations, task.acceleration)
-    begin = predict(sampled, commands, durations)
-    if task.slots == 0:
-        return begin, sight.speed
+    begin, speed = predict_driven(task.robot, sampled, sight.speed, commands, durations)
+    if task.slots == 0 or task.robot.remembers:
+        return begin, speed
     # The command computed last is in force then, unless this one takes effect at once.
-    last, at_once = jax.tree.map(lambda each: each[-1], commands), task.lag + task.rest <= 0
-    return begin, jax.tree.map(lambda sent, now: jnp.where(at_once, now, sent), last, sight.speed)
+    at_once = task.lag + task.rest <= 0
+    return begin, jax.tree.map(lambda sent, now: jnp.where(at_once, now, sent), speed, sight.speed)
 
 
 def _at(rows: Array, index: Array) -> Array:

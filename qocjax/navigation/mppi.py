@@ -19,7 +19,6 @@ from jax.typing import ArrayLike
 
 from qocjax._checks import is_concrete, is_zero
 from qocjax._math import angle_math
-from qocjax.acceleration import Acceleration, drive, parts
 from qocjax.navigation.critics import COLLISION, Ends, Scene
 from qocjax.navigation.feasible import driven, feasible, speed_now
 from qocjax.navigation.local_path import MapCosts, local_path
@@ -28,7 +27,7 @@ from qocjax.navigation.noise import normal_pairs
 from qocjax.navigation.path_critics import furthest_reached
 from qocjax.navigation.rollout import roll_out
 from qocjax.navigation.smoothing import HISTORY, shifted, smoothed
-from qocjax.unicycle import Command, Pose, arc
+from qocjax.robots import Command, Pose, Robot, Unicycle
 
 __all__ = [
     "Limits",
@@ -41,6 +40,9 @@ __all__ = [
     "step_each",
     "weights_of",
 ]
+
+
+_UNICYCLE = Unicycle()
 
 
 @jax.tree_util.register_dataclass
@@ -84,7 +86,7 @@ def initial_state(config: MppiConfig, dtype: jnp.dtype | None = None) -> State:
 
 
 def predict(pose: Array, commands: Command, durations: Array) -> Array:
-    """Pose after commands that are under way, each in force for its duration, along exact arcs (model, section 2).
+    """Pose of a unicycle after commands that are under way, each in force for its duration (model, section 2).
 
     Rollouts that start from it, in place of the pose that was sampled, allow for the delay of the loop.
 
@@ -96,26 +98,20 @@ def predict(pose: Array, commands: Command, durations: Array) -> Array:
     Returns:
         The poses, [3, *B].
     """
-
-    def move(at: Pose, row: tuple[Command, Array]) -> tuple[Pose, None]:
-        return arc(at, row[0], row[1], angle_math(jnp.inf)), None
-
-    begin = Pose(pose[0], pose[1], jnp.cos(pose[2]), jnp.sin(pose[2]), pose[2])
-    end, _ = lax.scan(move, begin, (commands, durations))
-    return jnp.stack([end.x, end.y, end.heading])
+    return predict_driven(_UNICYCLE, pose, jax.tree.map(lambda each: each[0], commands), commands, durations)[0]
 
 
 def predict_driven(
-    pose: Array, speed: Command, commands: Command, durations: Array, limits: Acceleration
+    robot: Robot, pose: Array, speed: Command, commands: Command, durations: Array
 ) -> tuple[Array, Command]:
-    """`predict` for a robot whose speeds take time to follow commands.
+    """`predict` for any robot.
 
     Args:
+        robot: What moves.
         pose: [3, *B] x, y, heading (m, m, rad).
         speed: At which it drives, each field [*B].
         commands: Each field [n, *B], in the order in which they are in force.
         durations: [n] (s); 0 for none.
-        limits: On acceleration.
 
     Returns:
         The poses, [3, *B], and the speeds.
@@ -123,9 +119,8 @@ def predict_driven(
 
     def move(state: tuple[Pose, Command], row: tuple[Command, Array]) -> tuple[tuple[Pose, Command], None]:
         (at, driven), (command, duration) = state, row
-        for part in parts(driven, command, duration, limits):
-            at, driven = drive(at, part, angle_math(jnp.inf)), part.end
-        return (at, driven), None
+        last = robot.move(at, driven, command, duration, angle_math(jnp.inf))[-1]
+        return (last.pose, last.speed), None
 
     begin = Pose(pose[0], pose[1], jnp.cos(pose[2]), jnp.sin(pose[2]), pose[2])
     (end, driven), _ = lax.scan(move, (begin, speed), (commands, durations))

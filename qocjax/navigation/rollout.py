@@ -21,8 +21,8 @@ from qocjax.navigation.critics import Critic, Point, Scene
 from qocjax.navigation.feasible import follow
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.noise import LARGEST
+from qocjax.robots import Command, Pose, arc
 from qocjax.tunables import WIDEST
-from qocjax.unicycle import Command, Pose, arc
 
 __all__ = ["Rolled", "roll_out"]
 

@@ -31,9 +31,9 @@ from qocjax.navigation.maps import StaticMap, map_of_shapes
 from qocjax.navigation.mppi import initial_state
 from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import value_at
+from qocjax.robots import Command, Pose
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import NAVIGATION
-from qocjax.unicycle import Command, Pose
 
 __all__ = ["NavigationStack", "open_floor"]
 

@@ -22,13 +22,12 @@ from jax.typing import ArrayLike
 
 from qocjax import _checks
 from qocjax._math import AngleMath
-from qocjax.unicycle import Command, Pose
+from qocjax.robots.interface import Command, Piece, Pose
 
-__all__ = ["Acceleration", "Part", "drive", "parts"]
+__all__ = ["Acceleration", "Part", "accelerated", "drive", "parts"]
 
 # Stands for a limit that is infinite: so steep that it counts as none, and no product with a time of 0 is NaN.
 _STEEP = 1e9
-
 
 # The inner points of Lobatto's rule on [0, 1]; they weigh five times as much as the ends.
 _INNER = (0.5 - 0.5 / math.sqrt(5.0), 0.5 + 0.5 / math.sqrt(5.0))
@@ -70,6 +69,42 @@ class Part(NamedTuple):
     duration: Array  # [N, *B] s
     begin: Command  # speeds, each [N, *B]
     end: Command
+
+
+def accelerated(
+    pose: Pose, speed: Command, command: Command, duration: Array, limits: Acceleration, angles: AngleMath
+) -> list[Piece]:
+    """The motion of a robot that follows a constant command within limits, in four parts.
+
+    Args:
+        pose: Where it begins.
+        speed: Speeds there, each [N, *B].
+        command: What they go to.
+        duration: h (s).
+        limits: On the way there.
+        angles: Exact or polynomial functions of half of the angle turned.
+    """
+    pieces = []
+    for part in parts(speed, command, duration, limits):
+        end = drive(pose, part, angles)
+        pieces.append(_piece(pose, part, end))
+        pose = end
+    return pieces
+
+
+def _piece(pose: Pose, part: Part, end: Pose) -> Piece:
+    h, first, last = part
+    chords = (h * first.nu, h * last.nu)
+    squares = (a * (a + b) + b * b for a, b in ((first.nu, last.nu), (first.omega, last.omega)))
+    return Piece(
+        duration=h,
+        pose=end,
+        speed=last,
+        slope_begin=(chords[0] * pose.cos, chords[0] * pose.sin),
+        slope_end=(chords[1] * end.cos, chords[1] * end.sin),
+        length=jnp.abs(0.5 * (chords[0] + chords[1])),
+        effort=(1 / 3) * h * sum(squares),
+    )
 
 
 def parts(speed: Command, command: Command, duration: Array, limits: Acceleration) -> list[Part]:

@@ -1,0 +1,107 @@
+"""The unicycle: it moves along exact arcs while its command is constant (model, section 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from qocjax._math import AngleMath
+from qocjax.robots.acceleration import Acceleration, accelerated
+from qocjax.robots.interface import Command, Gains, Piece, Pose, Robot
+
+__all__ = ["Unicycle", "arc", "arc_piece"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Unicycle(Robot):
+    """x' = nu cos theta, y' = nu sin theta, theta' = omega.
+
+    Attributes:
+        acceleration: Limits on how fast its speeds change; None where it obeys a command at once.
+    """
+
+    acceleration: Acceleration | None = None
+
+    motion_model = "DiffDrive"
+
+    @property
+    def remembers(self) -> bool:
+        """Whether speeds take time to follow a command."""
+        return self.acceleration is not None
+
+    def check(self) -> None:
+        """Checks the limits.
+
+        Raises:
+            TypeError: They are none.
+            ValueError: One is zero, of the wrong sign, or no number.
+        """
+        if self.acceleration is not None:
+            if not isinstance(self.acceleration, Acceleration):
+                raise TypeError(f"acceleration: got {self.acceleration!r}, expected an Acceleration or None")
+            self.acceleration.check()
+
+    def steer(self, v_x: Array, v_y: Array, pose: Pose, gains: Gains, math: AngleMath) -> Command:
+        """Nu = |v| max(cos e, 0), omega = gamma e, with e the angle from the heading to v (paper, Eqs. 7 and 8)."""
+        # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
+        along = v_x * pose.cos + v_y * pose.sin
+        across = v_y * pose.cos - v_x * pose.sin
+        error = math.atan2(across, along)
+        nu = jnp.minimum(jnp.maximum(along, 0.0), gains.v_max)
+        omega = jnp.minimum(jnp.maximum(error * gains.gamma, jnp.negative(gains.omega_max)), gains.omega_max)
+        return Command(nu, omega)
+
+    def move(
+        self, pose: Pose, speed: Command | None, command: Command, duration: Array, math: AngleMath
+    ) -> Sequence[Piece]:
+        """One arc; or, within limits on acceleration, four parts (`qocjax.robots.acceleration`)."""
+        if self.acceleration is None:
+            return [arc_piece(pose, command, duration, math)]
+        assert speed is not None  # as it remembers; for the type checker
+        return accelerated(pose, speed, command, duration, self.acceleration, math)
+
+
+def arc_piece(pose: Pose, command: Command, duration: Array, math: AngleMath) -> Piece:
+    """The arc of a constant command as a piece of motion."""
+    nu, omega = command.nu, command.omega
+    end, chord = arc(pose, command, duration, math), duration * nu
+    return Piece(
+        duration=duration,
+        pose=end,
+        speed=command,
+        slope_begin=(chord * pose.cos, chord * pose.sin),
+        slope_end=(chord * end.cos, chord * end.sin),
+        length=jnp.abs(chord),
+        effort=duration * (nu * nu + omega * omega),
+    )
+
+
+def arc(pose: Pose, command: Command, duration: Array | float, math: AngleMath) -> Pose:
+    """Moves along the exact arc of a constant command.
+
+    With a = omega h / 2: the chord has length nu h sinc(a) and direction theta + a (model, section 2).
+
+    Args:
+        pose: Where the arc begins.
+        command: In force all along.
+        duration: h (s).
+        math: Exact or polynomial functions of the half turn a.
+    """
+    a = command.omega * (0.5 * duration)
+    sinc, cos_a = math.sinc_cos(a)
+    sin_a = a * sinc
+    cos_mid = pose.cos * cos_a - pose.sin * sin_a
+    sin_mid = pose.sin * cos_a + pose.cos * sin_a
+    chord = command.nu * duration * sinc
+    return Pose(
+        x=pose.x + chord * cos_mid,
+        y=pose.y + chord * sin_mid,
+        cos=cos_mid * cos_a - sin_mid * sin_a,
+        sin=sin_mid * cos_a + cos_mid * sin_a,
+        heading=pose.heading + 2.0 * a,
+    )
