@@ -36,14 +36,15 @@ class Run:
 
     time: Array  # [P+1] s
     pose: Array  # [P+1, N, 3] m, m, rad; headings continuous
-    command: Array  # [P, N, 2] m/s, rad/s; in force at t_p, after what takes effect at t_p
-    speed: Array  # [P, N, 2] m/s, rad/s; driven at t_p, the command where the robot obeys it at once
+    command: Array  # [P, N, 2] nu m/s, omega rad/s; in force at t_p, after what takes effect at t_p. [P, N, 3] of
+    # holonomic robots, with nu_y m/s to the left
+    speed: Array  # the same, as driven at t_p: the command where the robot obeys it at once
     age: Array  # [P, N] s, as the controller at t_p sees it
     auc: Array  # [N] s, J_i
     min_distance: Array  # m, smallest distance between robots at the sampling instants; inf for one robot
     collided: Array  # bool, whether that is below two robot radii
     path_length: Array  # [N] m, forwards and backwards
-    effort: Array  # [N] ∫ nu² + omega² dt
+    effort: Array  # [N] ∫ nu² + omega² dt, with nu_y² of holonomic robots
     arrival_time: Array  # [N] s, from then on within 2 d_safe of the goal; inf if never
     completed_share: Array  # share of the loops that complete
     age_mean: Array  # s, over ticks and robots
@@ -57,13 +58,16 @@ class Run:
     view: Any  # what the controller records of each instant; leaves [P, ...]
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row per instant and robot: time, robot, x, y, heading, nu, omega, age (NaN at the last instant)."""
+        """One row per instant and robot: time, robot, x, y, heading, nu, omega, age (NaN at the last instant).
+
+        Of holonomic robots with nu_y, after omega.
+        """
         instants, robots = np.shape(self.pose)[:2]
         pad = ((0, 1), (0, 0))
         columns = {name: np.asarray(self.pose)[..., k] for k, name in enumerate(("x", "y", "heading"))}
         columns |= {
             name: np.pad(np.asarray(self.command)[..., k], pad, constant_values=np.nan)
-            for k, name in enumerate(("nu", "omega"))
+            for k, name in enumerate(("nu", "omega", "nu_y")[: np.shape(self.command)[-1]])
         }
         columns["age"] = np.pad(np.asarray(self.age), pad, constant_values=np.nan)
         index = {"time": np.repeat(np.asarray(self.time), robots), "robot": np.tile(np.arange(robots), instants)}
@@ -210,8 +214,8 @@ def _simulate(scenario: Scenario, design: Design, loop_times: Array, key: Array,
     return Run(
         time=time,
         pose=jnp.stack([recorded.pose.x, recorded.pose.y, recorded.pose.heading], axis=-1),
-        command=jnp.stack([recorded.command.nu, recorded.command.omega], axis=-1),
-        speed=jnp.stack([recorded.speed.nu, recorded.speed.omega], axis=-1),
+        command=jnp.stack(jax.tree.leaves(recorded.command), axis=-1),
+        speed=jnp.stack(jax.tree.leaves(recorded.speed), axis=-1),
         age=network.age,
         auc=tally.integral / norm,
         min_distance=closest,

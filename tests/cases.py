@@ -12,6 +12,7 @@ import slow_loop
 
 from qocjax import Design, Run, Scenario
 from qocjax.network.schedule import ACTUATIONS, HOLDS
+from qocjax.robots import Ackermann, Robot, Unicycle
 
 MODES = [(actuation, hold) for actuation in ACTUATIONS for hold in HOLDS]
 HOLD_OPTIONS = {"hold_timeout": 0.35, "hold_decay": 0.4}
@@ -21,6 +22,13 @@ DEADLINES = ("zero", "below tau", "on grid", "off grid", "typical", "above horiz
 SAME = {
     name: name for name in ("time", "pose", "command", "age", "min_distance", "path_length", "effort", "arrival_time")
 } | {"completed_share": "completed", "age_mean": "mean_age", "age_peak": "peak_age"}  # fmt: skip
+
+
+def slow_robot(robot: Robot) -> dict[str, Any]:
+    """A robot as the slow loop takes it."""
+    if isinstance(robot, Unicycle) and robot.acceleration is not None:
+        return {"robot": "sluggish", "numbers": {"limits": tuple(vars(robot.acceleration).values())}}
+    return {"robot": type(robot).__name__.lower(), "numbers": vars(robot) if isinstance(robot, Ackermann) else {}}
 
 
 @dataclass(frozen=True)
@@ -39,8 +47,7 @@ class Case:
             reference=s.reference, reference_kappa=s.nominal_kappa, reference_v_max=s.nominal_v_max,
             reference_per_robot=s.reference_per_robot, weights=tuple(s.weights),
             normaliser={"initial_disagreement": "start"}.get(s.normaliser, s.normaliser),
-            acceleration=None if s.robot.acceleration is None else tuple(vars(s.robot.acceleration).values()),
-            **HOLD_OPTIONS | options,
+            **slow_robot(s.robot), **HOLD_OPTIONS | options,
         )  # fmt: skip
 
 

@@ -95,7 +95,7 @@ class Robot:
         return self.x, self.y, self.theta
 
     @property
-    def command(self) -> tuple[float, float]:
+    def command(self) -> tuple[float, ...]:
         """The command after the hold rule (m/s, rad/s)."""
         return self.scale * self.nu, self.scale * self.omega
 
@@ -107,6 +107,14 @@ class Robot:
         """|(x, y) - other|²_W."""
         return self.weights[0] * (x - other[0]) ** 2 + self.weights[1] * (y - other[1]) ** 2
 
+    def steer(self, vx: float, vy: float, design: dict[str, float]) -> tuple[float, ...]:
+        """The command that follows a wanted velocity (section 3)."""
+        # Adding 0.0 turns -0.0 into 0.0: a robot exactly at its goal then has direction 0, not pi.
+        error = math.remainder(math.atan2(vy + 0.0, vx + 0.0) - self.theta, 2 * math.pi)
+        nu = math.hypot(vx, vy) * max(math.cos(error), 0.0)
+        omega = design["gamma"] * error
+        return min(nu, design["v_max"]), max(-design["omega_max"], min(omega, design["omega_max"]))
+
     def pose_after(self, h: float) -> tuple[float, float, float]:
         """Pose after h seconds of the command in force: an exact arc (section 2)."""
         nu, omega = self.command
@@ -114,11 +122,20 @@ class Robot:
         chord = nu * h * (math.sin(a) / a if a else 1.0)
         return self.x + chord * math.cos(self.theta + a), self.y + chord * math.sin(self.theta + a), self.theta + 2 * a
 
+    def set(self, command: tuple[float, ...]) -> None:
+        """Takes a new command."""
+        self.nu, self.omega = command
+
+    def spent(self) -> tuple[float, float]:
+        """Path length and effort per second of the command in force."""
+        nu, omega = self.command
+        return abs(nu), nu**2 + omega**2
+
     def move(self, t0: float, t1: float, substeps: int) -> None:
         """Drive from t0 to t1 under one command, and sum up: 5-point Gauss on each of the substeps."""
-        nu, omega = self.command
-        self.length += abs(nu) * (t1 - t0)
-        self.effort += (nu**2 + omega**2) * (t1 - t0)
+        length, effort = self.spent()
+        self.length += length * (t1 - t0)
+        self.effort += effort * (t1 - t0)
         cuts = [t0, self.path.corner, t1] if t0 < self.path.corner < t1 else [t0, t1]
         for left, right in pairwise(cuts):
             half = (right - left) / (2 * substeps)
@@ -129,12 +146,13 @@ class Robot:
                     self.area += half * weight * self.squared_distance(x, y, self.path.at(t))
         self.x, self.y, self.theta = self.pose_after(t1 - t0)
 
-    def end_loop(self, sampled: float, command: tuple[float, float] | None, hold: str) -> None:
+    def end_loop(self, sampled: float, command: tuple[float, ...] | None, hold: str) -> None:
         """A loop ends: its command takes effect, or (None) it counts as missed; an outdated end is ignored."""
         if self.sampled is not None and sampled < self.sampled:
             return
         if command is not None:
-            (self.nu, self.omega), self.sampled, self.scale = command, sampled, 1.0
+            self.set(command)
+            self.sampled, self.scale = sampled, 1.0
         elif hold == "zero":
             self.scale = 0.0
 
@@ -187,7 +205,81 @@ class SluggishRobot(Robot):
             self.driven = end
 
 
-def control(i: int, robots: list[Robot], ages: list[float], design: dict[str, float]) -> tuple[float, float]:
+@dataclass
+class HolonomicRobot(Robot):
+    """A point that moves as it is told, in the axes of its body; `nu` and `left` ahead and to the left."""
+
+    left: float = 0.0
+
+    @property
+    def command(self) -> tuple[float, ...]:
+        """The command after the hold rule (m/s, rad/s, m/s)."""
+        return self.scale * self.nu, 0.0, self.scale * self.left
+
+    def steer(self, vx: float, vy: float, design: dict[str, float]) -> tuple[float, ...]:
+        """The wanted velocity, no faster than the cap."""
+        share = min(1.0, design["v_max"] / max(math.hypot(vx, vy), 1e-300))
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return share * (vx * c + vy * s), 0.0, share * (vy * c - vx * s)
+
+    def set(self, command: tuple[float, ...]) -> None:
+        """Takes a new command."""
+        self.nu, _, self.left = command
+
+    def pose_after(self, h: float) -> tuple[float, float, float]:
+        """A straight line."""
+        ahead, _, left = self.command
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return self.x + h * (ahead * c - left * s), self.y + h * (ahead * s + left * c), self.theta
+
+    def spent(self) -> tuple[float, float]:
+        """Path length and effort per second."""
+        square = self.command[0] ** 2 + self.command[2] ** 2
+        return math.sqrt(square), square
+
+
+@dataclass
+class AckermannRobot(Robot):
+    """A bicycle about its rear axle: its steering wheel goes where the command asks, or as far as it can."""
+
+    wheelbase: float = 1.0
+    max_steering: float = 0.5
+
+    def steer(self, vx: float, vy: float, design: dict[str, float]) -> tuple[float, ...]:
+        """Towards the velocity with the front or with the rear, whichever takes the smaller turn."""
+        towards = math.atan2(vy + 0.0, vx + 0.0) - self.theta
+        front, rear = math.remainder(towards, 2 * math.pi), math.remainder(towards + math.pi, 2 * math.pi)
+        nu = math.hypot(vx, vy) * math.cos(front)
+        nu = max(-design["v_max"], min(nu, design["v_max"]))
+        omega = design["gamma"] * (front if abs(front) <= math.pi / 2 else rear)
+        omega = max(-design["omega_max"], min(omega, design["omega_max"]))
+        most = abs(nu) * math.tan(self.max_steering) / self.wheelbase
+        return nu, max(-most, min(omega, most))
+
+    def turn_rate(self) -> float:
+        """Of the body, at the steering angle in force."""
+        nu, omega = self.command
+        if nu == 0:
+            return 0.0
+        angle = math.atan(self.wheelbase * omega / nu)
+        return nu * math.tan(max(-self.max_steering, min(angle, self.max_steering))) / self.wheelbase
+
+    def pose_after(self, h: float) -> tuple[float, float, float]:
+        """Forty steps of Runge and Kutta's rule; the heading is linear in time, so it is Simpson's."""
+        nu, omega = self.command[0], self.turn_rate()
+        x, y, k = self.x, self.y, h / 40
+        for step in range(40):
+            at = [self.theta + omega * k * (step + part) for part in (0, 0.5, 1)]
+            x += k * nu * (math.cos(at[0]) + 4 * math.cos(at[1]) + math.cos(at[2])) / 6
+            y += k * nu * (math.sin(at[0]) + 4 * math.sin(at[1]) + math.sin(at[2])) / 6
+        return x, y, self.theta + omega * h
+
+    def spent(self) -> tuple[float, float]:
+        """Path length and effort per second."""
+        return abs(self.command[0]), self.command[0] ** 2 + self.turn_rate() ** 2
+
+
+def control(i: int, robots: list[Robot], ages: list[float], design: dict[str, float]) -> tuple[float, ...]:
     """Command of robot i from the poses and ages at one sampling instant (section 3)."""
     me = robots[i]
     vx, vy = -design["kappa"] * (me.x - me.goal[0]), -design["kappa"] * (me.y - me.goal[1])
@@ -197,11 +289,7 @@ def control(i: int, robots: list[Robot], ages: list[float], design: dict[str, fl
         if j != i and d < d_eff:
             push = design["eta"] * (1 / d - 1 / d_eff) / d**3
             vx, vy = vx + push * (me.x - other.x), vy + push * (me.y - other.y)
-    # Adding 0.0 turns -0.0 into 0.0: a robot exactly at its goal then has direction 0, not pi.
-    error = math.remainder(math.atan2(vy + 0.0, vx + 0.0) - me.theta, 2 * math.pi)
-    nu = math.hypot(vx, vy) * max(math.cos(error), 0.0)
-    omega = design["gamma"] * error
-    return min(nu, design["v_max"]), max(-design["omega_max"], min(omega, design["omega_max"]))
+    return me.steer(vx, vy, design)
 
 
 def effect_delay(loop_time: float, completed: bool, design: dict[str, float], actuation: str) -> tuple[int, float]:
@@ -218,8 +306,13 @@ def effect_delay(loop_time: float, completed: bool, design: dict[str, float], ac
     return (m + 1, 0.0) if actuation == "arrival" else (m, deadline - m * tau)
 
 
+KINDS = {
+    "unicycle": Robot, "sluggish": SluggishRobot, "holonomic": HolonomicRobot, "ackermann": AckermannRobot,
+}  # fmt: skip
+
+
 def make_robots(
-    start: Any, goal: Any, kappa: float, v_max: float, per_robot: bool, weights: Any, limits: Any = None
+    start: Any, goal: Any, kappa: float, v_max: float, per_robot: bool, weights: Any, kind: str, numbers: Any
 ) -> list[Robot]:
     """The robots at rest at their start, each with its goal and its reference path."""
     starts = np.asarray(start, float)
@@ -230,8 +323,7 @@ def make_robots(
     robots = []
     for (x, y, theta), target in zip(starts.tolist(), goals, strict=True):
         path = Reference((x, y) if per_robot else centroid, target, kappa, v_max)
-        robot = Robot(x, y, theta, target, path, weights)
-        robots.append(robot if limits is None else SluggishRobot(*vars(robot).values(), limits=tuple(limits)))
+        robots.append(KINDS[kind](x, y, theta, target, path, weights, **numbers))
     return robots
 
 
@@ -298,7 +390,7 @@ def run(
     actuation: str = "deadline", hold: str = "hold", hold_timeout: float = 0.5, hold_decay: float = 0.5,
     reference: str = "nominal", reference_kappa: float = 2.0, reference_v_max: float = 0.7,
     reference_per_robot: bool = False, weights: tuple[float, float] = (1.0, 1.0), normaliser: str = "start",
-    substeps: int = 1, acceleration: tuple[float, float, float] | None = None,
+    substeps: int = 1, robot: str = "unicycle", numbers: dict[str, Any] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Simulate one run and score it.
 
@@ -306,7 +398,7 @@ def run(
     omega_max, eta, kappa, gamma, c_miss, d_safe, tau, deadline. `hold_timeout` and `hold_decay` are in s.
     `reference_kappa` and `reference_v_max` are the nominal ones; `reference_per_robot` gives each robot its own path,
     from its start to its goal. `substeps` counts the parts, of 5 Gauss points each, of every piece between two events.
-    `acceleration` is (ax_max, ax_min, az_max), None for robots that obey at once.
+    `robot` is one of KINDS, `numbers` are what its class has beside a unicycle's.
 
     Returns:
         time [P+1], pose [P+1, N, 3], command [P, N, 2], age [P, N]; per robot auc, path_length, effort, arrival_time
@@ -321,7 +413,7 @@ def run(
             raise ValueError(f"{name}: got {value!r}, expected one of {OPTIONS[name]}")
     kappa, v_max = (design["kappa"], design["v_max"]) if reference == "follow" else (reference_kappa, reference_v_max)
     v_max = math.inf if reference == "uncapped" else v_max
-    robots = make_robots(start, goal, kappa, v_max, reference_per_robot, weights, acceleration)
+    robots = make_robots(start, goal, kappa, v_max, reference_per_robot, weights, robot, numbers or {})
     scales = [r.squared_distance(r.x, r.y, r.path.start if normaliser == "start" else r.goal) for r in robots]
     if min(scales) <= 1e-18:  # within a nanometre
         raise ValueError(f"normaliser: {normaliser!r} gives {scales}, expected > 0; try 'goal_distance'")

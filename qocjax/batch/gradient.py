@@ -78,6 +78,8 @@ def gradient(
     names = tuple(_checks.choice("wrt", name, known) for name in wrt)
     if not names or len(set(names)) != len(names):
         raise ValueError(f"wrt: got {list(wrt)}, expected at least one of {', '.join(known)}, each once")
+    for name in set(names) & set(scenario.robot.unread):
+        raise ValueError(f"wrt: got {name}, which the robot ({type(scenario.robot).__name__}) does not read")
     few = len(names) <= _FEW_PARAMETERS or rules.actuation == "arrival"
     mode = _checks.choice("mode", mode or ("forward" if few else "reverse"), MODES)
     if mode == "reverse" and rules.actuation == "arrival":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from importlib import import_module
 from typing import Any
 
@@ -69,7 +69,7 @@ class RobotConfig(Part):
             found: Any = getattr(import_module(module), name)
         except (ImportError, AttributeError, ValueError) as error:
             raise ValueError(f"{wanted}: {error}") from None
-        if isinstance(found, type) and issubclass(found, Robot) and is_dataclass(found):
+        if isinstance(found, type) and issubclass(found, Robot) and hasattr(found, "__dataclass_fields__"):
             return found
         raise ValueError(f"{wanted} that is a Robot and a dataclass")
 

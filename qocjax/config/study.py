@@ -68,7 +68,11 @@ class SweptConfig(SimulationConfig):
             name, option = design_name(given), f"sweep.grids.{given}"
             if name in found:
                 raise ValueError(f"{option}: got {given} and {name}, expected one grid of a parameter")
-            found[name] = self.robot.within(option, name, values)
+            if name not in self.robot.unread:
+                found[name] = self.robot.within(option, name, values)
+        if self.sweep.grids and not found:
+            raise ValueError(f"sweep.grids: got {', '.join(self.sweep.grids)}, which a {self.robot.kind().__name__} "
+                             "does not read, expected something that it reads")  # fmt: skip
         return found
 
     def swept_baseline(self) -> Design:
@@ -118,10 +122,13 @@ class SweptConfig(SimulationConfig):
         return tuple(name for name in swept if name not in declared or not declared[name].array)
 
     def beyond(self) -> list[str]:
-        """What of the grids is left out because the robot cannot do it, a sentence each."""
+        """What of the grids is left out because the robot cannot do it or does not read it, a sentence each."""
         found = []
         for name, values in self.sweep.grids.items():
-            most = self.robot.limit(design_name(name))
+            name = design_name(name)
+            if name in self.robot.unread:
+                found.append(f"sweep.grids.{name}: left out, a {self.robot.kind().__name__} does not read it")
+            most = self.robot.limit(name)
             if most is not None and (out := [value for value in values if value > most]):
                 listed = ", ".join(f"{value:g}" for value in out)
                 found.append(f"sweep.grids.{name}: {listed} left out, more than the robot's {most:g}")

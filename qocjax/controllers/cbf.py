@@ -10,8 +10,8 @@ Two robots that both keep it have h' >= -alpha h, each taking half (Wang, Ames, 
 for Collisions-Free Multirobot Systems", 2017). The comparison with potential fields is that of Singletary et al., 2021,
 which the paper cites.
 
-The barrier is that of a robot that moves as it is told. A unicycle first has to turn, and what it is told acts later:
-under delay it is no proof, and `experiments/cbf.py` says what it is worth.
+The barrier is that of a robot that moves as it is told, a holonomic one without delay. A unicycle or a car first has to
+turn, and what they are told acts later: under delay it is no proof, and `experiments/cbf.py` says what it is worth.
 """
 
 from __future__ import annotations

@@ -32,12 +32,13 @@ class Law(ABC):
     tunables: tuple[Tunable, ...] = ()
 
     def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
-        """Checks that no value is varied that it does not read.
+        """Checks that no value is varied that it or the robot does not read.
 
         Raises:
             ValueError: One is.
         """
         check_unread(self.unread, designs, type(self).__name__)
+        check_unread(scenario.robot.unread, designs, f"the robot ({type(scenario.robot).__name__})")
 
     def check_start(self, scenario: Scenario, start: np.ndarray, seeds: np.ndarray) -> None:  # noqa: B027
         """It can start everywhere."""

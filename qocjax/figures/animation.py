@@ -25,7 +25,7 @@ class MovingRun(RunLike, Protocol):
 
     @property
     def command(self) -> ArrayLike:
-        """[P, N, 2] m/s, rad/s, in force at each sampling instant."""
+        """[P, N, 2] m/s ahead, rad/s, in force at each sampling instant; [P, N, 3] with m/s to the left."""
 
     @property
     def age(self) -> ArrayLike:
@@ -89,7 +89,8 @@ def film_of(run: MovingRun, fps: float = 10.0, until: float | None = None) -> Fi
     paths = check_run(run)
     periods, robots = paths.time.size - 1, paths.pose.shape[1]
     command, age = np.asarray(run.command, float), np.asarray(run.age, float)
-    for name, value, shape in (("command", command, (periods, robots, 2)), ("age", age, (periods, robots))):
+    ways = 3 if command.shape[-1:] == (3,) else 2
+    for name, value, shape in (("command", command, (periods, robots, ways)), ("age", age, (periods, robots))):
         if value.shape != shape:
             raise ValueError(f"{name}: got shape {value.shape}, expected {shape}")
         if not np.isfinite(value).all():

@@ -80,9 +80,10 @@ class Scene:
             red, green, blue, _ = np.asarray(self.scale.to_rgba(film.age[now, number : number + 1]))[0].tolist()
             held = bool(film.held[now, number])
             robot.move(film.paths.pose[: tick + 1, number], command[number, 1], (red, green, blue, 1.0), held)
-        ahead = _AHEAD * command[:, 0]
+        ahead, left = _AHEAD * command[:, 0], _AHEAD * command[:, 2] if command.shape[1] == 3 else 0.0
+        cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         self.speed.set_offsets(pose[:, :2])
-        self.speed.set_UVC(ahead * np.cos(pose[:, 2]), ahead * np.sin(pose[:, 2]))
+        self.speed.set_UVC(ahead * cos - left * sin, ahead * sin + left * cos)
         self.clock.set_text(f"{film.paths.time[tick]:.1f} s")
         layers = zip(*(robot.artists for robot in self.robots), strict=True)
         return [*(artist for layer in layers for artist in layer), self.speed, self.clock]

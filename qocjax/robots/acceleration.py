@@ -24,7 +24,7 @@ from qocjax import _checks
 from qocjax._math import AngleMath
 from qocjax.robots.interface import Command, Piece, Pose
 
-__all__ = ["Acceleration", "Part", "accelerated", "drive", "parts"]
+__all__ = ["Acceleration", "Part", "accelerated", "drive", "linear_piece", "parts"]
 
 # Stands for a limit that is infinite: so steep that it counts as none, and no product with a time of 0 is NaN.
 _STEEP = 1e9
@@ -86,15 +86,15 @@ def accelerated(
     """
     pieces = []
     for part in parts(speed, command, duration, limits):
-        end = drive(pose, part, angles)
-        pieces.append(_piece(pose, part, end))
-        pose = end
+        pieces.append(linear_piece(pose, part, angles))
+        pose = pieces[-1].pose
     return pieces
 
 
-def _piece(pose: Pose, part: Part, end: Pose) -> Piece:
+def linear_piece(pose: Pose, part: Part, angles: AngleMath) -> Piece:
+    """The motion over which both speeds are linear in time; see `drive`."""
     h, first, last = part
-    chords = (h * first.nu, h * last.nu)
+    end, chords = drive(pose, part, angles), (h * first.nu, h * last.nu)
     squares = (a * (a + b) + b * b for a, b in ((first.nu, last.nu), (first.omega, last.omega)))
     return Piece(
         duration=h,

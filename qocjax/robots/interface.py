@@ -114,9 +114,10 @@ class Robot(ABC):
         nothing = jnp.zeros_like(pose.x)
         return Command(nothing, nothing, nothing if self.holonomic else None)
 
-    @abstractmethod
     def steer(self, v_x: Array, v_y: Array, pose: Pose, gains: Gains, math: AngleMath) -> Command:
-        """The command, within the caps, that comes nearest to a velocity.
+        """The command, within the caps, that turns a wanted velocity into motion; here that of a unicycle.
+
+        nu = |v| max(cos e, 0) and omega = gamma e, with e the angle from the heading to v (paper, Eqs. 7 and 8).
 
         Args:
             v_x: [N, *B] velocity wanted along x (m/s).
@@ -125,6 +126,13 @@ class Robot(ABC):
             gains: Caps and gain of the design.
             math: Functions of angles.
         """
+        # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
+        along = v_x * pose.cos + v_y * pose.sin
+        across = v_y * pose.cos - v_x * pose.sin
+        error = math.atan2(across, along)
+        nu = jnp.minimum(jnp.maximum(along, 0.0), gains.v_max)
+        omega = jnp.minimum(jnp.maximum(error * gains.gamma, jnp.negative(gains.omega_max)), gains.omega_max)
+        return Command(nu, omega)
 
     @abstractmethod
     def move(

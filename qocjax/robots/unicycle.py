@@ -11,7 +11,7 @@ from jax import Array
 
 from qocjax._math import AngleMath
 from qocjax.robots.acceleration import Acceleration, accelerated
-from qocjax.robots.interface import Command, Gains, Piece, Pose, Robot
+from qocjax.robots.interface import Command, Piece, Pose, Robot
 
 __all__ = ["Unicycle", "arc", "arc_piece"]
 
@@ -45,16 +45,6 @@ class Unicycle(Robot):
             if not isinstance(self.acceleration, Acceleration):
                 raise TypeError(f"acceleration: got {self.acceleration!r}, expected an Acceleration or None")
             self.acceleration.check()
-
-    def steer(self, v_x: Array, v_y: Array, pose: Pose, gains: Gains, math: AngleMath) -> Command:
-        """Nu = |v| max(cos e, 0), omega = gamma e, with e the angle from the heading to v (paper, Eqs. 7 and 8)."""
-        # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
-        along = v_x * pose.cos + v_y * pose.sin
-        across = v_y * pose.cos - v_x * pose.sin
-        error = math.atan2(across, along)
-        nu = jnp.minimum(jnp.maximum(along, 0.0), gains.v_max)
-        omega = jnp.minimum(jnp.maximum(error * gains.gamma, jnp.negative(gains.omega_max)), gains.omega_max)
-        return Command(nu, omega)
 
     def move(
         self, pose: Pose, speed: Command | None, command: Command, duration: Array, math: AngleMath

@@ -157,7 +157,7 @@ def _motion(done: Any, robot: int, name: str, odom: np.ndarray, stamps: list[int
     frame, base = f"{name}/odom", f"{name}/base_footprint"
     speed = done.speed[:, robot]
     ages = np.round(1e9 * np.asarray(done.age, np.float64)[:, robot]).astype(np.int64)
-    last: tuple[int, tuple[float, ...]] = (stamps[0], (0.0, 0.0))
+    last: tuple[int, tuple[float, ...]] = (stamps[0], (0.0,) * speed.shape[1])
     for k, stamp in enumerate(stamps):
         at = messages.odometry(stamp, frame, base, odom[k], speed[min(k, len(speed) - 1)])
         yield Message(stamp, f"/{name}/odom", at)

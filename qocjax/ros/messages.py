@@ -51,7 +51,8 @@ def _plain(place: Placed) -> Any:
 
 
 def _speeds(speed: Sequence[float]) -> Any:
-    return _new("geometry_msgs/Twist", linear=_vector(speed[0], 0, 0), angular=_vector(0, 0, speed[1]))
+    ahead, turning, left = (*speed, 0.0)[:3]
+    return _new("geometry_msgs/Twist", linear=_vector(ahead, left, 0), angular=_vector(0, 0, turning))
 
 
 def _certain(place: Placed) -> Any:
@@ -69,7 +70,7 @@ def pose_with_covariance(stamp: int, frame: str, place: Placed) -> Any:
 
 
 def odometry(stamp: int, frame: str, child: str, place: Placed, speed: Sequence[float]) -> Any:
-    """nav_msgs/Odometry, with nu and omega."""
+    """nav_msgs/Odometry, with nu and omega, and nu_y of a holonomic robot."""
     moving = _new("geometry_msgs/TwistWithCovariance", twist=_speeds(speed), covariance=np.zeros(36))
     return _new(
         "nav_msgs/Odometry", header=_header(stamp, frame), child_frame_id=child, pose=_certain(place), twist=moving
@@ -77,7 +78,7 @@ def odometry(stamp: int, frame: str, child: str, place: Placed, speed: Sequence[
 
 
 def twist(stamp: int, frame: str, command: Sequence[float]) -> Any:
-    """geometry_msgs/TwistStamped of nu and omega."""
+    """geometry_msgs/TwistStamped of nu and omega, and nu_y of a holonomic robot."""
     return _new("geometry_msgs/TwistStamped", header=_header(stamp, frame), twist=_speeds(command))
 
 
