@@ -210,10 +210,11 @@ def test_the_example_from_the_command_line(tmp_path: Path) -> None:
 
 def test_the_robots_of_the_configuration() -> None:
     built = [config(f"robot={name}", *more).build_scenario().robot for name, *more in (
-        ("paper",), ("holonomic",), ("ackermann",), ("ackermann", "robot.max_steering=0.6"))]  # fmt: skip
-    assert built == [Unicycle(), Holonomic(), Ackermann(0.3302, 0.4189), Ackermann(0.3302, 0.6)]
+        ("paper",), ("holonomic",), ("ackermann",), ("f1tenth", "robot.max_steering=0.6"))]  # fmt: skip
+    assert float(Ackermann().min_turning_r) == pytest.approx(0.2, abs=1e-4)
+    assert built == [Unicycle(), Holonomic(), Ackermann(), Ackermann(0.3302, 0.6)]
     known = config("robot=ackermann")
-    assert StudyConfig.model_validate(known.model_dump()).build_scenario().robot == Ackermann(0.3302, 0.4189)
+    assert StudyConfig.model_validate(known.model_dump()).build_scenario().robot == Ackermann()
     assert known.model_dump()["robot"]["_target_"] == "qocjax.robots.Ackermann"
 
 

@@ -22,7 +22,7 @@ Bounds = Annotated[dict[str, list[float] | None], BeforeValidator(flat)]
 def built_bounds(
     option: str, given: Mapping[str, list[float] | None], config: SimulationConfig, limited: bool = True
 ) -> dict[str, tuple[float, float]]:
-    """Lower and upper bounds of the parameters that may change, by name in a design.
+    """Lower and upper bounds of the parameters that may change, by name in a design; without what the robot ignores.
 
     Args:
         option: That holds them, for messages.
@@ -36,6 +36,7 @@ def built_bounds(
     """
     found: dict[str, tuple[float, float]] = {}
     free = {design_name(name): ends for name, ends in given.items() if ends is not None}
+    free = {name: ends for name, ends in free.items() if name not in config.robot.unread}
     declared = config.tunables() if any(name not in CONTINUOUS for name in free) else {}
     unread = config.unread() if free else ()
     for name, ends in free.items():

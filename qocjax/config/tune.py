@@ -111,6 +111,8 @@ class TuneConfig(SimulationConfig):
         given = {design_name(name): pair for name, pair in self.tune.bounds.items() if pair is not None}
         names = [design_name(name) for name in self.tune.wrt]
         listed = ", ".join(self.tune.wrt)
+        for name in set(names) & set(self.robot.unread):
+            raise ValueError(f"tune.wrt: got {name}, which a {self.robot.kind().__name__} does not read")
         for name, pair in given.items():
             if name not in names and tuple(pair) != tuning.DEFAULT_BOUNDS.get(name, ()):
                 raise ValueError(f"tune.bounds.{name}: got {pair}, but tune.wrt is [{listed}]: {name} is not tuned")

@@ -33,8 +33,8 @@ class Ackermann(Robot):
         max_steering: Largest steering angle, below a quarter turn (rad).
     """
 
-    wheelbase: ArrayLike = 0.3302
-    max_steering: ArrayLike = 0.4189
+    wheelbase: ArrayLike = 0.1155
+    max_steering: ArrayLike = 0.5236
 
     motion_model = "Ackermann"
 

@@ -74,7 +74,7 @@ class Advice:
     scale: QocScale
     seeds: dict[str, int]
     simulations: int
-    unread: tuple[str, ...] = ()  # values of a design that the controller does not read
+    unread: tuple[str, ...] = ()  # values of a design that neither controller nor robot reads
 
 
 def advise(
@@ -171,8 +171,14 @@ def _judged(plan: Plan, found: Chosen) -> Advice:
         scale=goal.scale,
         seeds={name: len(getattr(plan.seeds, name)) for name in ("search", "choice", "fresh")},
         simulations=goal.simulations,
-        unread=(goal.controller or Apf()).unread,
+        unread=_unread(goal),
     )
+
+
+def _unread(goal: Objective) -> tuple[str, ...]:
+    """Values of a design that count for nothing; a law that reads a heading gain leaves it to the robot to steer."""
+    own = (goal.controller or Apf()).unread
+    return own if "gamma" in own else (*own, *goal.scenario.robot.unread)
 
 
 def _setup(goal: Objective, best: Design) -> dict[str, Any]:
