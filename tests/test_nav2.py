@@ -155,6 +155,9 @@ def test_the_smoothers_accelerations_are_the_robots(tmp_path: Path) -> None:
     assert tuple(found[f"robot.{name}"] for name in ("ax_max", "ax_min", "az_max")) == (2.5, -2.0, 3.0)
     arguments, _ = with_nav2([f"nav2={path}", "robot=turtlebot4"])  # which does no more than its maker says
     assert {"robot.ax_max=0.9", "robot.ax_min=-0.9", "robot.az_max=3.0", "robot.v_max=0.306"} < set(arguments)
+    arguments, notes = with_nav2([f"nav2={path}", "robot=holonomic"])
+    assert not [each for each in arguments if each.startswith("robot.a")]
+    assert "left alone: robot.ax_max, robot.ax_min, robot.az_max: this robot obeys commands at once" in "\n".join(notes)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Discriminator, Tag
 
 from qocjax.config.custom import CustomConfig
@@ -28,6 +29,7 @@ from qocjax.navigation import (
     open_floor,
     read_map,
 )
+from qocjax.robots import Ackermann, Robot, Unicycle
 from qocjax.scenario import Scenario
 
 __all__ = ["ApfConfig", "CbfConfig", "ControllerConfig", "CustomConfig", "NavigationConfig", "map_of"]
@@ -39,6 +41,8 @@ _CRITICS = {
         PreferForwardCritic,
     )
 }  # fmt: skip
+
+_UNICYCLE = Unicycle()
 
 
 class ApfConfig(Part):
@@ -103,10 +107,14 @@ class MppiPart(Part):
     model_dt: float
     iteration_count: int
     vx_min: float
+    vy_max: float
     ax_max: float | None
     ax_min: float | None
+    ay_max: float | None
+    ay_min: float | None
     az_max: float | None
     vx_std: float
+    vy_std: float
     wz_std: float
     temperature: float
     gamma: float
@@ -117,14 +125,18 @@ class MppiPart(Part):
     stop_if_blocked: bool
     critics: dict[str, dict[str, float | int]]
 
-    def build(self, wz_max: float) -> MppiConfig:
-        """Parameters of the local controller.
+    def build(self, wz_max: float, robot: Robot = _UNICYCLE) -> MppiConfig:
+        """Parameters of the local controller of a robot.
 
         Raises:
             ValueError: An unknown critic or parameter, or a value out of range.
         """
         values = self.model_dump(exclude={"critics"})
         critics = tuple(_critic(name, given) for name, given in self.critics.items())
+        if robot.motion_model is not None:  # where it is, the stack refuses the robot
+            values["motion_model"] = robot.motion_model
+        if isinstance(robot, Ackermann):
+            values["min_turning_r"] = float(np.asarray(robot.min_turning_r))
         return MppiConfig(**values, wz_max=wz_max, critics=critics)
 
 
@@ -164,7 +176,7 @@ class NavigationConfig(Part):
             map_of(scenario, map_name, self.floor_margin, self.resolution, release),
             Inflation(robot_radius=float(scenario.robot_radius), **self.inflation.model_dump()),  # type: ignore[arg-type]
             Planner(**self.planner.model_dump()),
-            self.mppi.build(wz_max),
+            self.mppi.build(wz_max, scenario.robot),
             **{name: getattr(self, name) for name in rest},
         )
 

@@ -10,10 +10,10 @@ from omegaconf import OmegaConf
 from qocjax.config.part import conf_dir
 from qocjax.recorded.nearest import Preset
 
-__all__ = ["presets"]
+__all__ = ["UNICYCLE", "presets"]
 
 
-_UNICYCLE = "qocjax.robots.Unicycle"
+UNICYCLE = "qocjax.robots.Unicycle"
 
 
 @cache
@@ -22,6 +22,6 @@ def presets() -> tuple[Preset, ...]:
     found = []
     for path in sorted((conf_dir() / "robot").glob("*.yaml")):
         content: Any = OmegaConf.load(path)
-        if content.get("_target_", _UNICYCLE) == _UNICYCLE:
+        if content.get("_target_", UNICYCLE) == UNICYCLE:
             found.append(Preset(path.stem, content.v_max, content.omega_max, content.radius))
     return tuple(found)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import yaml
 
 from qocjax.config.part import conf_dir
+from qocjax.config.robots import UNICYCLE
 from qocjax.nav2.known import MPPI
 from qocjax.nav2.options import NO_HEADING, critics_of, stack_options, to_options
 from qocjax.nav2.read import NavParams, read_params
@@ -27,7 +28,7 @@ def with_nav2(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     if not files or files[-1] in ("", "null"):
         return list(arguments), []
     params = read_params(files[-1])
-    options: dict[str, float | None] = _no_more_than_the_robot(to_options(params), arguments)
+    options, ignored = _of_the_robot(to_options(params), arguments)
     stack = "controller=navigation" in arguments
     if stack:
         options |= stack_options(params)
@@ -36,23 +37,32 @@ def with_nav2(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
     sets = ", ".join(text.lstrip("+") for name, text in given.items() if name not in by_hand)
     notes = [f"{files[-1]} sets {sets or 'nothing that is simulated'}"]
     notes += [f"{files[-1]}: left alone: {each}" for each in params.unknown]
+    if ignored:
+        notes.append(f"{files[-1]}: left alone: {', '.join(ignored)}: this robot obeys commands at once")
     notes += [f"{files[-1]}: {each}" for each in (_on_the_stack(params) if stack else [])]
     return [*given.values(), *arguments], notes + [str(each) for each in params.remarks]
 
 
-def _no_more_than_the_robot(options: Mapping[str, float], arguments: Sequence[str]) -> dict[str, float | None]:
-    """Caps and accelerations of a file, but no more than what a robot can do that was named by hand."""
+def _of_the_robot(options: Mapping[str, float], arguments: Sequence[str]) -> tuple[dict[str, float | None], list[str]]:
+    """Caps and accelerations of a file, but no more than what a robot can do that was named by hand.
+
+    Returns:
+        The options, and the names of accelerations that such a robot has no limits for.
+    """
     found: dict[str, float | None] = dict(options)
     named = [each.partition("=")[2] for each in arguments if each.startswith("robot=")]
     place = conf_dir() / "robot" / f"{named[-1]}.yaml" if named else None
     if place is None or not place.is_file():
-        return found
+        return found, []
     robot = yaml.safe_load(place.read_text(encoding="utf-8"))
     for name in ("v_max", "omega_max", "ax_max", "ax_min", "az_max"):
         own, given = robot.get(name), options.get(f"robot.{name}")
         if own is not None and given is not None:
             found[f"robot.{name}"] = min(given, own, key=abs)
-    return found
+    if robot.get("_target_", UNICYCLE) == UNICYCLE:
+        return found, []
+    accelerations = [name for name in found if name.startswith("robot.a")]
+    return {name: value for name, value in found.items() if name not in accelerations}, accelerations
 
 
 def _on_the_stack(params: NavParams) -> list[str]:

@@ -37,6 +37,8 @@ __all__ = [
 # Nav2). Cells unknown or outside the map (255) count likewise, as where Nav2 does not track unknown space.
 COLLISION = float(INSCRIBED)
 
+_STRAIGHT = 1e-6  # rad/s, below which a turn counts as this one
+
 
 class Scene(NamedTuple):
     """What all rollouts of a cycle have in common."""
@@ -51,6 +53,8 @@ class Scene(NamedTuple):
     vx_max: Array  # [] m/s
     vx_min: Array  # [] m/s
     wz_max: Array  # [] rad/s
+    vy_max: Array  # [] m/s; of robots that move sideways
+    min_turning_r: float | None = None  # m, of robots that turn on circles alone
 
 
 class Point(NamedTuple):
@@ -61,6 +65,8 @@ class Point(NamedTuple):
     heading: Array  # [K] rad
     distance: Array  # [K] travelled from the first point on (m), where a critic asks for it, along chords
     vx: Array  # [K] speed of the step (m/s)
+    wz: Array  # [K] its rate of turn (rad/s)
+    vy: Array | None  # [K] its speed to the left (m/s), of robots that move sideways
 
 
 class Ends(NamedTuple):
@@ -97,7 +103,11 @@ class Critic(Protocol):
 
 @dataclass(frozen=True)
 class ConstraintCritic:
-    """Speeds beyond the caps: weight Σ excess dt (constraint_critic.cpp, DiffDrive)."""
+    """Speeds beyond the caps: weight Σ excess dt (constraint_critic.cpp).
+
+    Of Omni the length of the velocity, signed as vx, beyond that of both caps. Of Ackermann also the radius by which a
+    circle is too tight.
+    """
 
     cost_weight: float = 4.0
     cost_power: int = 1
@@ -106,7 +116,15 @@ class ConstraintCritic:
     def term(self, point: Point, scene: Scene) -> Array:
         """Metres beyond the caps."""
         over, under = point.vx - scene.vx_max, scene.vx_min - point.vx
-        return (jnp.maximum(over, 0.0) + jnp.maximum(under, 0.0)) * scene.model_dt
+        if point.vy is not None:
+            total = jnp.copysign(_distance(point.vx, point.vy), point.vx)
+            most, least = (_distance(each, scene.vy_max) for each in (scene.vx_max, scene.vx_min))
+            over, under = total - most, jnp.where(scene.vx_min > 0.0, least, -least) - total
+        excess = jnp.maximum(over, 0.0) + jnp.maximum(under, 0.0)
+        if scene.min_turning_r is not None:
+            radius = jnp.abs(point.vx) / jnp.maximum(jnp.abs(point.wz), _STRAIGHT)
+            excess = excess + jnp.maximum(scene.min_turning_r - radius, 0.0)
+        return excess * scene.model_dt
 
     def cost(self, total: Array, ends: Ends, scene: Scene) -> Array:
         """Weighted sum."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -73,12 +74,15 @@ def cycle(stack: StackParts, robot: Robot, planning: Array) -> tuple[Command, St
     )
     fastest = jnp.asarray(robot.limits.vx_max)
     back = jnp.clip(_back_up(stack, begin, cost), -fastest, fastest)
-    command = Command(jnp.where(rollouts.blocked, back, command.nu), jnp.where(rollouts.blocked, 0.0, command.omega))
+    stop = jax.tree.map(jnp.zeros_like, command)
+    command = jax.tree.map(
+        lambda own, backing: jnp.where(rollouts.blocked, backing, own), command, replace(stop, nu=back)
+    )
     there = jnp.hypot(begin[0] - robot.goal[0], begin[1] - robot.goal[1]) <= stack.xy_goal_tolerance
     going = has_path & ~there
     still = jax.tree.map(jnp.zeros_like, state)
     state = jax.tree.map(lambda new, none: jnp.where(going, new, none), state, still)
-    command = Command(jnp.where(going, command.nu, 0.0), jnp.where(going, command.omega, 0.0))
+    command = jax.tree.map(lambda own, none: jnp.where(going, own, none), command, stop)
     view = View(
         robot.words, robot.state, path, has_path, found, going & rollouts.blocked, begin, robot.speed,
         robot.obstacles, robot.goal, robot.limits, robot.values,

@@ -27,7 +27,7 @@ class Memory(NamedTuple):
     path: Array  # [N, *B, L, 2] global paths (m)
     has_path: Array  # [N, *B] whether one was ever found
     seen: Array  # [P, N, *B, 2] positions at the sampling instants (m)
-    sent: Array  # [slots + P, N, *B, 2] commands computed; the first `slots` are zero
+    sent: Array  # [slots + P, N, *B, 2 or 3] fields of the commands computed; the first `slots` are zero
     plans: Array  # [] plans made so far
     failed: Array  # [N, *B] of them, how many found no path
     blocked: Array  # [N, *B] cycles in which every rollout collided
@@ -49,7 +49,7 @@ def gather(stack: StackParts, task: Task, memory: Memory, sight: Sight) -> Robot
         memory.path,
         memory.has_path,
         jnp.moveaxis(begin, 0, -1),
-        Command(spread(speed.nu), spread(speed.omega)),
+        jax.tree.map(spread, speed),
         _obstacles(stack, task, memory, sight, begin),
         jnp.stack([spread(each) for each in task.goal], axis=-1),
         Limits(spread(design.v_max), spread(design.omega_max), spread(design.tau)),
@@ -69,7 +69,8 @@ def _obstacles(stack: StackParts, task: Task, memory: Memory, sight: Sight, begi
     tau, shape = jnp.asarray(task.design.tau), begin.shape[1:]
     age = jnp.broadcast_to(sight.age, shape)
     source = jnp.clip(sight.tick - jnp.round(age / tau).astype(jnp.int32), 0, sight.tick)
-    speed = jnp.abs(_at(memory.sent, source + task.slots)[..., 0])
+    sent = _at(memory.sent, source + task.slots)
+    speed = jnp.hypot(sent[..., 0], sent[..., 2]) if task.robot.holonomic else jnp.abs(sent[..., 0])
     if stack.predict:
         x, y, unknown = begin[0], begin[1], jnp.maximum(age - task.design.deadline, 0.0) + tau
     else:
@@ -90,7 +91,7 @@ def _predicted(task: Task, memory: Memory, sight: Sight) -> tuple[Array, Command
     ago = task.slots - jnp.arange(task.slots)  # sampling periods
     # Each is in force for one period; between sampling instants, the oldest one for what is left of it.
     durations = jnp.where(ago <= task.lag, task.design.tau, jnp.where(ago == task.lag + 1, task.rest, 0.0))
-    commands, durations = Command(under_way[..., 0], under_way[..., 1]), durations.astype(sampled.dtype)
+    commands, durations = Command(*jnp.moveaxis(under_way, -1, 0)), durations.astype(sampled.dtype)
     begin, speed = predict_driven(task.robot, sampled, sight.speed, commands, durations)
     if task.slots == 0 or task.robot.remembers:
         return begin, speed
@@ -100,5 +101,5 @@ def _predicted(task: Task, memory: Memory, sight: Sight) -> tuple[Array, Command
 
 
 def _at(rows: Array, index: Array) -> Array:
-    """Row `index[n, ...]` of [P, N, *B, 2] for each robot and run: [N, *B, 2]."""
+    """Row `index[n, ...]` of [P, N, *B, C] for each robot and run: [N, *B, C]."""
     return jnp.take_along_axis(rows, index[None, ..., None], axis=0, mode="promise_in_bounds")[0]

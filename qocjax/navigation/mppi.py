@@ -1,4 +1,4 @@
-"""Model predictive path integral control of a unicycle (model, section 9).
+"""Model predictive path integral control (model, section 9).
 
 Williams, Drews, Goldfain, Rehg and Theodorou, "Information-theoretic model predictive control: theory and applications
 to autonomous driving", IEEE T-RO 34(6), 2018; in the form of Nav2's `nav2_mppi_controller` (optimizer.cpp of its
@@ -54,6 +54,18 @@ class State:
     wz: Array  # [H] rad/s
     past_vx: Array  # [4] what the filter made of the commands sent last, the latest one last (m/s)
     past_wz: Array  # [4] rad/s
+    vy: Array | None = None  # [H] m/s, of Omni
+    past_vy: Array | None = None  # [4] m/s
+
+    @property
+    def sequence(self) -> Command:
+        """To draw about, each field [H]."""
+        return Command(self.vx, self.wz, self.vy)
+
+    @property
+    def past(self) -> Command:
+        """What the filter made of the commands sent last, each field [4]."""
+        return Command(self.past_vx, self.past_wz, self.past_vy)
 
 
 class Rollouts(NamedTuple):
@@ -82,7 +94,8 @@ class Limits(NamedTuple):
 def initial_state(config: MppiConfig, dtype: jnp.dtype | None = None) -> State:
     """A robot at rest, with no command sent."""
     still = jnp.zeros(config.time_steps, dtype)
-    return State(still, still, still[:1].repeat(HISTORY), still[:1].repeat(HISTORY))
+    past = still[:1].repeat(HISTORY)
+    return State(still, still, past, past, *((still, past) if config.holonomic else ()))
 
 
 def predict(pose: Array, commands: Command, durations: Array) -> Array:
@@ -162,20 +175,29 @@ def step(
     _check_shapes(config, state, pose, path, goal)
     limits = limits or Limits.of(config)
     scene = _scene(config, limits, pose, costmap, path, goal)
-    now = speed_now(config, Command(state.vx[0], state.wz[0]), speed, limits.period)
-    vx, wz = state.vx.at[0].set(now.nu), state.wz.at[0].set(now.omega)
+    sent = jax.tree.map(lambda each: each[0], state.sequence)
+    now = speed_now(config, sent, speed, limits.period)
+    mean = jax.tree.map(lambda each, first: each.at[0].set(first), state.sequence, now)
     for iteration in range(config.iteration_count):
-        noise = normal_pairs(jax.random.fold_in(key, iteration), config.time_steps, config.batch_size, pose.dtype)
-        vx, wz, rollouts = _iterate(config, scene, pose, Command(vx, wz), noise, record)
-        smooth_vx = smoothed(vx, state.past_vx, config.sgf_order)
-        smooth_wz = smoothed(wz, state.past_wz, config.sgf_order)
-        vx, wz = feasible(config, now, smooth_vx, smooth_wz, (scene.vx_min, scene.vx_max, scene.wz_max))
+        noise = _noise(config, jax.random.fold_in(key, iteration), pose.dtype)
+        mean, rollouts = _iterate(config, scene, pose, mean, noise, record)
+        smooth = jax.tree.map(lambda each, past: smoothed(each, past, config.sgf_order), mean, state.past)
+        mean = feasible(config, now, smooth, scene)
     ahead = limits.period / config.model_dt
-    after = [shifted(each, ahead) for each in (vx, wz, smooth_vx, smooth_wz)]
+    after, smooth = jax.tree.map(lambda each: shifted(each, ahead), (mean, smooth))
     if config.stop_if_blocked:
-        after = [jnp.where(rollouts.blocked, 0.0, each) for each in after]
-    past = (jnp.append(old[1:], new[0]) for old, new in zip((state.past_vx, state.past_wz), after[2:], strict=True))
-    return Command(after[0][0], after[1][0]), State(*after[:2], *past), rollouts
+        after, smooth = jax.tree.map(lambda each: jnp.where(rollouts.blocked, 0.0, each), (after, smooth))
+    past = jax.tree.map(lambda old, new: jnp.append(old[1:], new[0]), state.past, smooth)
+    command = jax.tree.map(lambda each: each[0], after)
+    return command, State(after.nu, after.omega, past.nu, past.omega, after.nu_y, past.nu_y), rollouts
+
+
+def _noise(config: MppiConfig, key: Array, dtype: jnp.dtype) -> Command:
+    """Standard normal numbers for each speed, each field [H, K]."""
+    first = normal_pairs(key, config.time_steps, config.batch_size, dtype)
+    if not config.holonomic:
+        return Command(*first)
+    return Command(*first, normal_pairs(jax.random.fold_in(key, 1), config.time_steps, config.batch_size, dtype)[0])
 
 
 def step_each(
@@ -210,40 +232,62 @@ def _scene(config: MppiConfig, limits: Limits, pose: Array, costmap: MapCosts, p
     to_goal = jnp.hypot(pose[0] - goal[0], pose[1] - goal[1])
     clear = costmap.at(ahead.x, ahead.y) < COLLISION
     vx_min = jnp.maximum(config.vx_min, -jnp.asarray(limits.vx_max))  # no faster backwards than ahead
-    caps = [jnp.asarray(each, pose.dtype) for each in (limits.vx_max, vx_min, limits.wz_max)]
-    return Scene(goal, to_goal, ahead, clear, costmap, config.path_spacing, config.model_dt, *caps)
+    vy_max = jnp.minimum(config.vy_max, jnp.asarray(limits.vx_max))  # nor faster to a side
+    vx_max, vx_min, wz_max, vy_max = (
+        jnp.asarray(each, pose.dtype) for each in (limits.vx_max, vx_min, limits.wz_max, vy_max)
+    )
+    radius = config.min_turning_r if config.motion_model == "Ackermann" else None
+    return Scene(
+        goal,
+        to_goal,
+        ahead,
+        clear,
+        costmap,
+        config.path_spacing,
+        config.model_dt,
+        vx_max,
+        vx_min,
+        wz_max,
+        vy_max,
+        radius,
+    )
 
 
 def _iterate(
-    config: MppiConfig, scene: Scene, pose: Array, mean: Command, noise: tuple[Array, Array], record: bool
-) -> tuple[Array, Array, Rollouts]:
+    config: MppiConfig, scene: Scene, pose: Array, mean: Command, noise: Command, record: bool
+) -> tuple[Command, Rollouts]:
     """Draws, rolls out, scores and averages once."""
-    vx, wz, now = mean.nu, mean.omega, Command(mean.nu[0], mean.omega[0])
-    samples = Command(vx[:, None] + config.vx_std * noise[0], wz[:, None] + config.wz_std * noise[1])
+    now = jax.tree.map(lambda each: each[0], mean)
+    samples = jax.tree.map(lambda each, std, drawn: each[:, None] + std * drawn, mean, _spread(config), noise)
     if config.clamp_raw_controls:
         reached = driven(config, now, samples)
         # The last sample is never driven.
         samples = jax.tree.map(lambda made, drawn: jnp.concatenate([made[:-1], drawn[-1:]]), reached, samples)
-    sample_vx, sample_wz = lax.optimization_barrier((samples.nu, samples.omega))  # drawn once, however often it is read
-    rolled = roll_out(config, scene, pose, now, sample_vx, sample_wz, record)
+    samples = lax.optimization_barrier(samples)  # drawn once, however often it is read
+    rolled = roll_out(config, scene, pose, now, samples, record)
     end, totals = rolled.pose, rolled.totals
     furthest = furthest_reached(scene.path, scene.path_spacing, end.x, end.y, rolled.distance)
     ends = Ends(end.x, end.y, furthest, config.time_steps)
-    cost = _control_cost(config, vx, wz, sample_vx, sample_wz)
+    cost = _control_cost(config, mean, samples)
     for critic, total in zip(config.critics, totals, strict=True):
         cost = cost + critic.cost(total, ends, scene)
     hits = [critic.collides(t) for critic, t in zip(config.critics, totals, strict=True) if hasattr(critic, "collides")]
     blocked = jnp.all(jnp.stack(hits).any(axis=0)) if hits else jnp.array(False)
     weight = weights_of(cost, config.temperature)
     x, y = rolled.points if rolled.points is not None else (None, None)
-    return sample_vx @ weight, sample_wz @ weight, Rollouts(cost, weight, blocked, x, y)
+    return jax.tree.map(lambda each: each @ weight, samples), Rollouts(cost, weight, blocked, x, y)
 
 
-def _control_cost(config: MppiConfig, vx: Array, wz: Array, sample_vx: Array, sample_wz: Array) -> Array:
-    """γ/σ² Σ u (u_k - u), of both commands, [K] (Williams et al., 2018, section III-D; optimizer.cpp)."""
-    cost = jnp.zeros(sample_vx.shape[1], sample_vx.dtype)
-    for mean, sample, std in ((vx, sample_vx, config.vx_std), (wz, sample_wz, config.wz_std)):
+def _spread(config: MppiConfig) -> Command:
+    """Standard deviations of the samples."""
+    return Command(config.vx_std, config.wz_std, config.vy_std if config.holonomic else None)  # type: ignore[arg-type]
+
+
+def _control_cost(config: MppiConfig, mean: Command, samples: Command) -> Array:
+    """γ/σ² Σ u (u_k - u), of all speeds, [K] (Williams et al., 2018, section III-D; optimizer.cpp)."""
+    cost = jnp.zeros(samples.nu.shape[1], samples.nu.dtype)
+    for each, sample, std in zip(*map(jax.tree.leaves, (mean, samples, _spread(config))), strict=True):
         if not (is_zero(std) or is_zero(config.gamma)):
             drawn = std if is_concrete(std) else jnp.where(std > 0, std, jnp.inf)
-            cost = cost + (config.gamma / drawn**2) * (mean @ sample - mean @ mean)
+            cost = cost + (config.gamma / drawn**2) * (each @ sample - each @ each)
     return cost

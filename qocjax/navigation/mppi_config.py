@@ -16,7 +16,9 @@ from qocjax.navigation.critics import (
 )
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
 
-__all__ = ["MppiConfig"]
+__all__ = ["MOTION_MODELS", "MppiConfig"]
+
+MOTION_MODELS = ("DiffDrive", "Omni", "Ackermann")
 
 _DEFAULT_CRITICS: tuple[Critic, ...] = (
     ConstraintCritic(),
@@ -44,11 +46,18 @@ class MppiConfig:
         vx_max: Largest speed (m/s).
         vx_min: Smallest speed, negative to drive backwards (m/s).
         wz_max: Largest rate of turn, either way (rad/s).
+        motion_model: DiffDrive, Omni, which moves sideways too, or Ackermann, which turns on circles alone.
+        vy_max: Largest speed to either side (m/s); of Omni.
+        min_turning_r: Radius of the tightest circle (m); of Ackermann. Rollouts may turn more tightly, at the
+            ConstraintCritic's price; the sequence may not.
         ax_max: Most acceleration, ahead or backwards (m/s²); None for no limit.
         ax_min: Most braking, negative (m/s²); None for no limit.
         az_max: Most change of the rate of turn, either way (rad/s²); None for no limit.
+        ay_max: Most acceleration to either side (m/s²); None for no limit; of Omni.
+        ay_min: Most braking of that, negative (m/s²); None for no limit; of Omni.
         vx_std: Standard deviation of the sampled speed (m/s); 0 to sample none.
         wz_std: Standard deviation of the sampled rate of turn (rad/s); 0 to sample none.
+        vy_std: Standard deviation of the sampled speed to the side (m/s); 0 to sample none; of Omni.
         temperature: Of the weights exp(-cost / temperature).
         gamma: Weight of the control cost, γ/σ² Σ u·ε.
         clamp_raw_controls: Whether what is averaged is what the rollouts drove within the limits on acceleration, as
@@ -84,6 +93,12 @@ class MppiConfig:
     path_spacing: float = 0.05
     stop_if_blocked: bool = True
     critics: tuple[Critic, ...] = _DEFAULT_CRITICS
+    motion_model: str = "DiffDrive"
+    vy_max: float = 0.5
+    vy_std: float = 0.2
+    ay_max: float | None = 3.0
+    ay_min: float | None = -3.0
+    min_turning_r: float = 0.2
 
     def __post_init__(self) -> None:
         """Checks the values.
@@ -94,12 +109,22 @@ class MppiConfig:
         """
         for name in ("batch_size", "time_steps", "iteration_count"):
             count(name, getattr(self, name), 2 if name == "time_steps" else 1)
-        for name in ("model_dt", "temperature", "controller_frequency", "prune_distance", "path_spacing"):
+        above_zero = (
+            "model_dt",
+            "temperature",
+            "controller_frequency",
+            "prune_distance",
+            "path_spacing",
+            "min_turning_r",
+        )
+        for name in above_zero:
             bounded(name, getattr(self, name), above=0.0, shape=())
-        for name in ("vx_max", "wz_max", "vx_std", "wz_std", "gamma"):
+        for name in ("vx_max", "wz_max", "vy_max", "vx_std", "wz_std", "vy_std", "gamma"):
             bounded(name, getattr(self, name), least=0.0, shape=())
         bounded("vx_min", self.vx_min, most=self.vx_max, shape=())
-        for name, endless in (("ax_max", math.inf), ("ax_min", -math.inf), ("az_max", math.inf)):
+        choice("motion_model", self.motion_model, MOTION_MODELS)
+        names = ("ax_max", "ax_min", "ay_max", "ay_min", "az_max")
+        for name, endless in ((name, -math.inf if name.endswith("min") else math.inf) for name in names):
             value = getattr(self, name)
             if value is None or value == endless:
                 object.__setattr__(self, name, None)
@@ -114,6 +139,11 @@ class MppiConfig:
             raise ValueError(f"critics: got {self.critics!r}, expected a tuple of at least one critic")
         for critic in self.critics:
             _check_critic(critic)
+
+    @property
+    def holonomic(self) -> bool:
+        """Whether rollouts move sideways."""
+        return self.motion_model == "Omni"
 
 
 def _check_critic(critic: Critic) -> None:

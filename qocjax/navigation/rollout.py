@@ -1,4 +1,4 @@
-"""Rollouts of the unicycle, scored while they are made: one scan over the horizon that carries K of each number.
+"""Rollouts, scored while they are made: one scan over the horizon that carries K of each number.
 
 As in Nav2 (`generateNoisedTrajectories` of optimizer.cpp and `predict` of motion_models.hpp), the first step is made at
 the speed of now, and step i at what acceleration allows of the sampled commands i - 1. The caps do not bound a rollout:
@@ -21,7 +21,7 @@ from qocjax.navigation.critics import Critic, Point, Scene
 from qocjax.navigation.feasible import follow
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.noise import LARGEST
-from qocjax.robots import Command, Pose, arc
+from qocjax.robots import Command, Pose, arc, glide
 from qocjax.tunables import WIDEST
 
 __all__ = ["Rolled", "roll_out"]
@@ -53,7 +53,7 @@ class _Carry(NamedTuple):
     totals: tuple[Any, ...]
 
 
-def roll_out(config: MppiConfig, scene: Scene, pose: Array, now: Command, vx: Array, wz: Array, record: bool) -> Rolled:
+def roll_out(config: MppiConfig, scene: Scene, pose: Array, now: Command, samples: Command, record: bool) -> Rolled:
     """Moves K robots through their sequences along exact arcs, and adds up the terms of the critics.
 
     Args:
@@ -61,39 +61,38 @@ def roll_out(config: MppiConfig, scene: Scene, pose: Array, now: Command, vx: Ar
         scene: What all rollouts have in common.
         pose: [3] where they begin (m, m, rad).
         now: Speeds at which they begin, each field [].
-        vx: [H, K] sampled speeds (m/s).
-        wz: [H, K] sampled rates of turn (rad/s).
+        samples: Sampled speeds, each field [H, K].
         record: Whether all points are returned.
     """
-    steps, samples = vx.shape
+    steps, count = samples.nu.shape
     # As many steps are written out as it takes for every block to score the same of its points.
     block = min(math.lcm(*(critic.stride for critic in config.critics)), steps)
     whole = steps - steps % block
 
-    def advance(carry: _Carry, rows: Sequence[Array]) -> tuple[_Carry, Any]:
+    def advance(carry: _Carry, rows: Command) -> tuple[_Carry, Any]:
         return _block(config, scene, carry, rows, record)
 
-    carry = _start(config, scene, pose, now, samples)
-    carry, points = lax.scan(advance, carry, [each[:whole].reshape(-1, block, samples) for each in (vx, wz)])
+    carry = _start(config, scene, pose, now, count)
+    blocks = jax.tree.map(lambda each: each[:whole].reshape(-1, block, count), samples)
+    carry, points = lax.scan(advance, carry, blocks)
     if whole < steps:
-        carry, rest = advance(carry, [each[whole:] for each in (vx, wz)])
+        carry, rest = advance(carry, jax.tree.map(lambda each: each[whole:], samples))
     if record:
-        points = tuple(each.reshape(whole, samples) for each in points)
+        points = tuple(each.reshape(whole, count) for each in points)
         if whole < steps:
             points = tuple(jnp.concatenate(both) for both in zip(points, rest, strict=True))
     return Rolled(carry.pose, carry.distance, carry.totals, (points[0].T, points[1].T) if record else None)
 
 
 def _start(config: MppiConfig, scene: Scene, pose: Array, now: Command, samples: int) -> _Carry:
-    x, y, heading, nu, omega = (jnp.full(samples, each) for each in (*pose, now.nu, now.omega))
-    nothing = jnp.zeros_like(x)
+    x, y, heading = (jnp.full(samples, each) for each in pose)
+    speed, nothing = jax.tree.map(lambda each: jnp.full(samples, each), now), jnp.zeros_like(x)
     begin = Pose(x, y, jnp.full_like(x, jnp.cos(pose[2])), jnp.full_like(x, jnp.sin(pose[2])), heading)
-    speed = Command(nu, omega)
-    first = arc(begin, speed, config.model_dt, _angles(config))
-    point = Point(first.x, first.y, first.heading, nothing, nu)
+    first = _moved(config, begin, speed)
+    point = Point(first.x, first.y, first.heading, nothing, speed.nu, speed.omega, speed.nu_y)
     chords = tuple(_Chords(first.x, first.y, nothing) if _measures(critic) else None for critic in config.critics)
     totals = tuple(_nothing(critic, point, scene) for critic in config.critics)
-    return _Carry(begin, speed, speed, -jnp.abs(nu) * config.model_dt, chords, totals)
+    return _Carry(begin, speed, speed, -_length(speed) * config.model_dt, chords, totals)
 
 
 def _nothing(critic: Critic, first: Point, scene: Scene) -> Any:
@@ -103,11 +102,11 @@ def _nothing(critic: Critic, first: Point, scene: Scene) -> Any:
     return jax.tree.map(lambda term: jnp.zeros(term.shape, term.dtype), jax.eval_shape(critic.term, first, scene))
 
 
-def _block(config: MppiConfig, scene: Scene, carry: _Carry, rows: Sequence[Array], record: bool) -> tuple[_Carry, Any]:
+def _block(config: MppiConfig, scene: Scene, carry: _Carry, rows: Command, record: bool) -> tuple[_Carry, Any]:
     """Some steps, written out; the first one's index is a multiple of every stride."""
     points = []
-    for index in range(len(rows[0])):
-        carry = _move(config, carry, Command(rows[0][index], rows[1][index]))
+    for index in range(len(rows.nu)):
+        carry = _move(config, carry, jax.tree.map(lambda each, index=index: each[index], rows))
         due = [index % critic.stride == 0 for critic in config.critics]
         carry = _score(config, scene, carry, due)
         points.append((carry.pose.x, carry.pose.y))
@@ -117,8 +116,8 @@ def _block(config: MppiConfig, scene: Scene, carry: _Carry, rows: Sequence[Array
 def _move(config: MppiConfig, carry: _Carry, drawn: Command) -> _Carry:
     """One step."""
     speed = follow(config, carry.speed, carry.wanted, config.model_dt)
-    distance = carry.distance + jnp.abs(speed.nu) * config.model_dt
-    pose = arc(carry.pose, speed, config.model_dt, _angles(config))
+    distance = carry.distance + _length(speed) * config.model_dt
+    pose = _moved(config, carry.pose, speed)
     return carry._replace(pose=pose, speed=speed, wanted=drawn, distance=distance)
 
 
@@ -132,9 +131,19 @@ def _score(config: MppiConfig, scene: Scene, carry: _Carry, due: Sequence[bool])
                 length = chord.length + jnp.sqrt((pose.x - chord.x) ** 2 + (pose.y - chord.y) ** 2)
                 chords[i] = _Chords(pose.x, pose.y, length)
             along = carry.distance if chord is None else length
-            point = Point(pose.x, pose.y, pose.heading, along, carry.speed.nu)
+            point = Point(pose.x, pose.y, pose.heading, along, carry.speed.nu, carry.speed.omega, carry.speed.nu_y)
             totals[i] = jax.tree.map(jnp.add, totals[i], critic.term(point, scene))
     return carry._replace(chords=tuple(chords), totals=tuple(totals))
+
+
+def _moved(config: MppiConfig, pose: Pose, speed: Command) -> Pose:
+    """A step at a speed."""
+    return (arc if speed.nu_y is None else glide)(pose, speed, config.model_dt, _angles(config))
+
+
+def _length(speed: Command) -> Array:
+    """Metres per second along the way."""
+    return jnp.abs(speed.nu) if speed.nu_y is None else jnp.sqrt(speed.nu**2 + speed.nu_y**2)
 
 
 def _measures(critic: Critic) -> bool:

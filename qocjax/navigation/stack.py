@@ -31,7 +31,7 @@ from qocjax.navigation.maps import StaticMap, map_of_shapes
 from qocjax.navigation.mppi import initial_state
 from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import value_at
-from qocjax.robots import Command, Pose
+from qocjax.robots import Command, Pose, Robot
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import NAVIGATION
 
@@ -52,8 +52,9 @@ class NavigationStack(StackParts):
         """Checks designs, starts and goals against the stack and its map.
 
         Raises:
-            ValueError: A design varies what the stack does not read, or turns faster than it can; a start or goal is in
-                a closed cell; robots start in collision; predictions for another actuation than `deadline`.
+            ValueError: The rollouts' motion model is not the robot's; a design varies what the stack does not read, or
+                turns faster than it can; a start or goal is in a closed cell; robots start in collision; predictions
+                for another actuation than `deadline`.
         """
         for name in designs.others:
             try:
@@ -61,6 +62,7 @@ class NavigationStack(StackParts):
             except AttributeError as error:
                 raise ValueError(f"{name}: {error}") from None
         check_unread(self.unread, designs, "the navigation stack")
+        _check_model(self.mppi.motion_model, scenario.robot)
         if _checks.is_concrete(designs.omega_max):
             fastest = float(np.max(np.asarray(designs.omega_max)))
             if fastest > self.mppi.wz_max * (1 + 1e-6):
@@ -111,9 +113,10 @@ class NavigationStack(StackParts):
         points = self.planner.max_points or sum(self.static_map.grid.shape)
         share = jnp.linspace(0.0, 1.0, points, dtype=dtype).reshape((1,) * len(shape) + (-1, 1))
         none = jnp.zeros(shape, jnp.int32)
+        fields = 3 if task.robot.holonomic else 2
         return Memory(
             own, state, here[..., None, :] + share * (goal - here)[..., None, :], none > 0,
-            jnp.zeros((task.ticks, *shape, 2), dtype), jnp.zeros((task.slots + task.ticks, *shape, 2), dtype),
+            jnp.zeros((task.ticks, *shape, 2), dtype), jnp.zeros((task.slots + task.ticks, *shape, fields), dtype),
             jnp.array(0, jnp.int32), none, none,
         )  # fmt: skip
 
@@ -128,9 +131,8 @@ class NavigationStack(StackParts):
         flat = jax.tree.map(lambda a: a.reshape(math.prod(shape), *a.shape[len(shape) :]), robots)
         done = _over_robots(lambda one: cycle(self, one, due), flat)
         command, state, view = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), done)
-        sent = lax.dynamic_update_index_in_dim(
-            memory.sent, jnp.stack([command.nu, command.omega], axis=-1), tick + task.slots, 0
-        )
+        told = jnp.stack(jax.tree.leaves(command), axis=-1)
+        sent = lax.dynamic_update_index_in_dim(memory.sent, told, tick + task.slots, 0)
         memory = Memory(
             memory.keys, state, view.path, view.has_path, seen, sent, memory.plans + due,
             memory.failed + (due & ~view.found), memory.blocked + view.blocked,
@@ -158,6 +160,16 @@ def open_floor(scenario: Scenario, margin: float = 1.0, resolution: float = 0.05
     places = np.concatenate([np.asarray(scenario.start)[:, :2], np.asarray(scenario.goal).reshape(-1, 2)])
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
     return map_of_shapes(Grid.covering((low[0], low[1]), (high[0], high[1]), resolution))
+
+
+def _check_model(motion_model: str, robot: Robot) -> None:
+    """Checks that rollouts move as the robot does."""
+    name = type(robot).__name__
+    if robot.motion_model is None:
+        raise ValueError(f"robot: got {name}, whose motion the navigation stack does not know, expected another "
+                         "controller, or a robot with a motion_model of Nav2's MPPI")  # fmt: skip
+    if robot.motion_model != motion_model:
+        raise ValueError(f"mppi.motion_model: got {motion_model} for the robot {name}, expected {robot.motion_model}")
 
 
 def _over_robots(kernel: Any, robots: Any) -> Any:
