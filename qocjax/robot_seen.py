@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from qocjax.config.simulation import RobotConfig
+from qocjax.config.robot import RobotConfig
 from qocjax.recorded import RecordedRun
 from qocjax.recorded.limits import RobotLimits
 

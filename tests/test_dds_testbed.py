@@ -195,6 +195,8 @@ def test_the_stack_drives_as_in_the_simulator(tmp_path: Path) -> None:
 def test_configuration_is_checked() -> None:
     for option, text in (
         ("qos.depth=0", "qos.depth: got 0"),
+        ("robot=holonomic", r"robot: got Holonomic\(\), expected a Unicycle that obeys commands at once"),
+        ("robot.ax_max=1", "robot: got Unicycle.*, expected a Unicycle that obeys commands at once"),
         ("loop.actuation=instant", "loop.actuation: got 'instant', expected what real time allows"),
         ("middleware=other", "middleware: got 'other'"),
         ("qos.foo=1", "qos.foo"),

@@ -21,6 +21,8 @@ from qocjax import Design, Run, Scenario, evaluate, gradient, paper_network, sim
 from qocjax._math import EXACT
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.controllers import Cbf
+from qocjax.figures.animation import film_of
+from qocjax.figures.scene import Scene
 from qocjax.robots import Ackermann, Command, Holonomic, Robot, Unicycle, pose_from
 
 ROOT = Path(__file__).parents[1]
@@ -160,6 +162,28 @@ def test_the_barrier_keeps_holonomic_robots_apart() -> None:
     scenario, design = Scenario(robot=Holonomic(), horizon=8.0), Design(deadline=0.0, tau=0.01)
     run = simulate(scenario, design, np.zeros((800, 2)), controller=Cbf())
     assert float(run.min_distance) > 0.5 - 1e-6 and float(run.report["squeezed"].sum()) == 0
+
+
+# --- bags and films
+
+
+def test_bags_and_films_have_the_speed_to_the_left(tmp_path: Path) -> None:
+    """linear.y of the commands and of odometry, on the axes of the body; the arrow of a film points where it drives."""
+    rosbags = pytest.importorskip("rosbags.highlevel")
+    run = jax.tree.map(np.asarray, alone(Holonomic(), heading=1.0))
+    found: dict[str, list[list[float]]] = {"/robot0/cmd_vel": [], "/robot0/odom": []}
+    with rosbags.AnyReader([run.to_bag(tmp_path / "bag")]) as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic in found:
+                twist = reader.deserialize(data, connection.msgtype).twist
+                twist = getattr(twist, "twist", twist)
+                found[connection.topic].append([twist.linear.x, twist.angular.z, twist.linear.y])
+    np.testing.assert_allclose(found["/robot0/cmd_vel"], run.command[:, 0])  # another each tick
+    np.testing.assert_allclose(found["/robot0/odom"][:-1], run.speed[:, 0])
+    scene = Scene(film_of(run), None, "")
+    scene.at(5)
+    step = run.pose[6, 0, :2] - run.pose[5, 0, :2]
+    np.testing.assert_allclose([float(scene.speed.U[0]), float(scene.speed.V[0])], step / 0.1, atol=1e-9)
 
 
 # --- one of a user's own

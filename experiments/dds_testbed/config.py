@@ -16,6 +16,7 @@ from experiments.dds_testbed.middlewares import MIDDLEWARES
 from experiments.dds_testbed.plan import Plan
 from qocjax.config import Part, SimulationConfig, conf_dir, load
 from qocjax.controllers import Apf
+from qocjax.robots import Unicycle
 
 __all__ = ["TestbedConfig", "read_config", "written_config"]
 
@@ -93,6 +94,9 @@ class TestbedConfig(SimulationConfig):
         if self.middleware != "fastdds" and self.dds.heartbeat_period is not None:
             raise ValueError(f"dds.heartbeat_period: got {self.dds.heartbeat_period:g} with {self.middleware}, "
                              "expected null: it is set for Fast DDS only")  # fmt: skip
+        if scenario.robot != Unicycle():
+            raise ValueError(f"robot: got {scenario.robot}, expected a Unicycle that obeys commands at once, as "
+                             "those of the testbed do (robot.ax_max, ax_min and az_max null)")  # fmt: skip
         self._check_controller()
         if not 1 <= scenario.num_robots <= 16:
             raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")

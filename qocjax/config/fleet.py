@@ -14,7 +14,8 @@ from qocjax.config.delay import EdgeConfig
 from qocjax.config.engine import EngineConfig
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
-from qocjax.config.simulation import LoopConfig, ReferenceConfig, RobotConfig, ScenarioConfig
+from qocjax.config.robot import RobotConfig
+from qocjax.config.simulation import LoopConfig, ReferenceConfig, ScenarioConfig
 from qocjax.config.study import FREE, StudyConfig
 from qocjax.network.demand import BANDWIDTH_PARTS
 from qocjax.quality import QocScale

@@ -6,8 +6,8 @@ import math
 
 from qocjax import _checks
 from qocjax.config.part import Part
+from qocjax.config.robot import RobotConfig
 from qocjax.config.robots import presets
-from qocjax.config.simulation import RobotConfig
 from qocjax.quality import QocScale
 from qocjax.recorded.folder import Labels
 from qocjax.recorded.formats import FORMATS
