@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
 from qocjax.network.schedule import Rules
-from qocjax.robots import Command
 
 __all__ = ["Loop", "block_length", "in_blocks", "through_buffer"]
 
@@ -24,26 +23,31 @@ __all__ = ["Loop", "block_length", "in_blocks", "through_buffer"]
 _FREE_BLOCK = 64
 
 
+# Pytrees of arrays: what is simulated and what steers it are the caller's affair.
+State = TypeVar("State")
+Command = TypeVar("Command")
+
+
 @dataclass(frozen=True)
-class Loop:
-    """The two halves of a tick, in any state.
+class Loop(Generic[State, Command]):
+    """The two halves of a tick, in any state and for any command.
 
     Attributes:
         sample: (state, row) -> (state, command, view): what happens at t_p up to the new command, and what may be
             recorded of it.
         act: (state, row, due command) -> (state, report): the due command takes effect, the robots move; a report of
             None records nothing.
-        still: A command [N, *B] of zeros, for before the first.
+        still: A command of zeros, for before the first; leaves [..., N, *B].
     """
 
-    sample: Callable[[Any, Any], tuple[Any, Command, Any]]
-    act: Callable[[Any, Any, Command], tuple[Any, Any]]
+    sample: Callable[[State, Any], tuple[State, Command, Any]]
+    act: Callable[[State, Any, Command], tuple[State, Any]]
     still: Command
 
 
 def through_buffer(
-    loop: Loop, state: Any, rows: Any, source: Array, lag: Array, rules: Rules, slots: int
-) -> tuple[Any, Any]:
+    loop: Loop[State, Command], state: State, rows: Any, source: Array, lag: Array, rules: Rules, slots: int
+) -> tuple[State, Any]:
     """Scans the ticks with a buffer of commands, by tick modulo the slots in use.
 
     Args:
@@ -74,7 +78,7 @@ def through_buffer(
             lambda kept: jnp.take_along_axis(kept, jnp.broadcast_to(place, (1, *kept.shape[1:])), axis=0)[0], buffer
         )
 
-    def step(carry: tuple[Any, Command], inputs: tuple[Array, Array, Any]) -> tuple[tuple[Any, Command], Any]:
+    def step(carry: tuple[State, Command], inputs: tuple[Array, Array, Any]) -> tuple[tuple[State, Command], Any]:
         (state, buffer), (tick, newest, row) = carry, inputs
         state, command, view = loop.sample(state, row)
         buffer, due = exchange(buffer, command, tick, newest)
@@ -86,7 +90,7 @@ def through_buffer(
     return state, reports
 
 
-def in_blocks(loop: Loop, state: Any, rows: Any, lag: int) -> Any:
+def in_blocks(loop: Loop[State, Command], state: State, rows: Any, lag: int) -> State:
     """Scans blocks of `lag` ticks, each computed again where it is differentiated in reverse.
 
     Args:
@@ -99,13 +103,13 @@ def in_blocks(loop: Loop, state: Any, rows: Any, lag: int) -> Any:
         The state at the end.
     """
 
-    def tick(state: Any, inputs: tuple[Any, Command | None]) -> tuple[Any, Command | None]:
+    def tick(state: State, inputs: tuple[Any, Command | None]) -> tuple[State, Command | None]:
         row, due = inputs
         state, command, _ = loop.sample(state, row)
         state, _ = loop.act(state, row, command if due is None else due)
         return state, None if due is None else command
 
-    def block(carry: tuple[Any, Command | None], rows: Any) -> tuple[tuple[Any, Command | None], None]:
+    def block(carry: tuple[State, Command | None], rows: Any) -> tuple[tuple[State, Command | None], None]:
         state, due = carry
         return lax.scan(jax.checkpoint(tick, prevent_cse=False), state, (rows, due)), None
 
