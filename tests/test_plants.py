@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -157,6 +158,30 @@ def test_run_is_the_differential_equation() -> None:
                 x = np.array(x)
                 if h == 0.03 and tick >= 1 and np.isfinite(times[tick - 1, loop]):
                     force = -k @ samples[tick - 1]
+
+
+def test_recorded_command_is_the_one_in_force() -> None:
+    """At a deadline of two samples, that of the state two samples ago."""
+    run = simulate_linear(SILENT, np.full((40, 2), 0.08), tau=TAU, deadline=0.1, start=[[0.6, -0.4], [0.1, 0.3]])
+    np.testing.assert_allclose(run.command[2:], -run.state[:-3] @ np.asarray(SILENT.k).T, rtol=1e-12)
+    assert not np.any(run.command[:2])
+    np.testing.assert_allclose(run.age[:, 0], TAU * np.minimum(np.arange(40), 2), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_gains_may_be_mapped_and_differentiated() -> None:
+    times = np.random.default_rng(0).uniform(0.0, 0.2, (30, 1))
+
+    def cost(k: jax.Array) -> jax.Array:
+        run = simulate_linear(replace(PENDULUM, k=k), times, tau=TAU, deadline=0.13, start=START)
+        return run.cost[-1, 0]
+
+    gains = np.array([[[3.0, 2.2]], [[4.0, 2.0]]])
+    together = jax.vmap(cost)(gains)
+    np.testing.assert_allclose(together, [cost(k) for k in gains], rtol=1e-12)
+    step = np.array([[1e-5, 0.0]])
+    slope = (cost(gains[0] + step) - cost(gains[0] - step)) / 2e-5
+    np.testing.assert_allclose(jax.grad(cost)(gains[0])[0, 0], slope, rtol=1e-6)
 
 
 @pytest.mark.slow
