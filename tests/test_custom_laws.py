@@ -249,7 +249,6 @@ def test_what_cannot_be_tuned_is_refused(laws: Path) -> None:
     for options, told in (
         (["controller._target_=lab.Straight", "tune.wrt=[eta]"], "tune.wrt: got eta, which lab.Straight does not read"),
         (["controller._target_=somelaws.Stubborn", "tune.estimator=blend"], "does not say that it is smooth"),
-        (["controller._target_=somelaws.Grand"], "controller: got somelaws.Grand, expected a quick law"),
         (["controller=cbf", "tune.wrt=[kappa,eta]"], "tune.wrt: got eta, which cbf does not read"),
     ):
         with pytest.raises(ValueError, match=told):

@@ -73,7 +73,7 @@ class CustomConfig(Part):
         """
         law = self.made()
         try:
-            try_out(law, scenario.num_robots)
+            try_out(law, scenario.num_robots, scenario.robot)
         except ValueError as error:
             raise ValueError(f"controller: got {self.target}, which fails in a batch of runs: {error}") from error
         return law

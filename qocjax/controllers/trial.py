@@ -14,7 +14,7 @@ from jax import Array, ShapeDtypeStruct
 
 from qocjax._math import EXACT
 from qocjax.controllers.interface import Controller, Sight, Task
-from qocjax.robots import Command, Pose
+from qocjax.robots import Command, Pose, Robot, Unicycle
 from qocjax.scenario import CONTINUOUS, DESIGN, Design
 
 __all__ = ["failure_text", "try_out"]
@@ -30,33 +30,39 @@ _LIBRARIES = (
 )
 
 
-def try_out(law: Controller, robots: int) -> None:
+def try_out(law: Controller, robots: int, robot: Robot | None = None) -> None:
     """Traces what a law does in a batch of runs, in float32 as studies have it; nothing is simulated or compiled.
 
     Args:
         law: A controller.
         robots: N.
+        robot: What they are, whose commands the law has to give; by default unicycles.
 
     Raises:
         ValueError: A method fails, or gives back something else than `Controller` asks for.
     """
-    name = type(law).__name__
+    name, robot = type(law).__name__, robot or Unicycle()
     try:
         with jax.enable_x64(False):
-            begun, answer, report = jax.eval_shape(lambda given: _cycle(law, given), _given(robots))
+            begun, answer, report = jax.eval_shape(lambda given: _cycle(law, robot, given), _given(robots))
     except _WrongError as error:
         raise ValueError(f"{name}.{error}") from None
     except Exception as error:
         raise ValueError(f"{name}: {failure_text(error)}; QOCJAX_TRACEBACK=1 shows where") from error
     whole = (robots, *_BATCH)
     memory, command, _ = answer
+    still = jax.eval_shape(robot.still, _given(robots)["pose"])
     if _shapes(memory) != _shapes(begun):
         raise ValueError(f"{name}.command: got memory of {_text(memory)} after {_text(begun)}, expected it to "
                          "stay of one shape and type")  # fmt: skip
-    for part, value in {f"command: got {each.name}": getattr(command, each.name) for each in fields(Command)}.items():
-        if (value.shape, value.dtype) != (whole, _DTYPE):
-            raise ValueError(f"{name}.{part} of {value.dtype}{list(value.shape)}, expected float32{list(whole)}, "
-                             "as the poses are")  # fmt: skip
+    for each in fields(Command):
+        value, wanted = getattr(command, each.name), getattr(still, each.name)
+        if (value is None) != (wanted is None):
+            raise ValueError(f"{name}.command: got {'no' if value is None else 'a'} {each.name}, expected what a "
+                             f"{type(robot).__name__} takes (task.robot.steer gives it)")  # fmt: skip
+        if value is not None and (value.shape, value.dtype) != (whole, _DTYPE):
+            raise ValueError(f"{name}.command: got {each.name} of {value.dtype}{list(value.shape)}, expected "
+                             f"float32{list(whole)}, as the poses are")  # fmt: skip
     for key, value in report.items():
         if value.shape != whole:
             raise ValueError(f"{name}.report: got {key} of shape {value.shape}, expected one number for each robot "
@@ -84,9 +90,9 @@ def _given(robots: int) -> dict[str, Any]:
     }
 
 
-def _cycle(law: Controller, given: dict[str, Any]) -> tuple[Any, Any, dict[str, Array]]:
+def _cycle(law: Controller, robot: Robot, given: dict[str, Any]) -> tuple[Any, Any, dict[str, Array]]:
     """What is remembered at first, what the command gives back, and the report."""
-    task = Task(given["goal"], Design(**given["design"]), EXACT, 100, given["lag"], given["rest"], _SLOTS)
+    task = Task(given["goal"], Design(**given["design"]), EXACT, 100, given["lag"], given["rest"], _SLOTS, robot)
     memory = law.begin(task, given["pose"], given["keys"])
     speed = given["speed"] if law.sees_speed else None
     answer = law.command(task, memory, Sight(given["tick"], given["pose"], given["age"], speed))
