@@ -33,7 +33,7 @@ from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
 from qocjax.study.search.limits import DEMANDS
 from qocjax.study.units import trace_remark
 
-__all__ = ["Codesign", "main", "run", "summary"]
+__all__ = ["Codesign", "main", "problem_of", "run", "summary"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
     _check_methods(config)
     grid, methods = _beside(config), config.search.methods
     sweep_seeds, judge_seeds = (len(seeds) for seeds in config.seeds())
-    problem = _problem(config)
+    problem = problem_of(config)
     _check_scarce(config, problem)
     parts = len(methods) * config.search.repetitions + 3
     with tqdm(total=parts, desc="co-design", file=sys.stderr, disable=True if quiet else None) as bar:
@@ -74,7 +74,8 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
         contest = compete(
             problem, methods, config.search.budget, config.search.repetitions, grid, sweep_seeds, judge_seeds,
             min_reliability=config.sweep.min_reliability, key=config.key, block=config.search.block,
-            choice_seeds=config.search.choice_seeds, progress=progress,
+            choice_seeds=config.search.choice_seeds, finalists=config.search.finalists,
+            num_curve_seeds=config.search.curve_seeds, progress=progress,
         )  # fmt: skip
         progress("front of QoC against demand")
         front = workers = None
@@ -135,7 +136,8 @@ def _check_scarce(config: CodesignConfig, problem: Problem) -> None:
                          "does not tell how many computations it had under way")  # fmt: skip
 
 
-def _problem(config: CodesignConfig) -> Problem:
+def problem_of(config: CodesignConfig) -> Problem:
+    """What a configuration asks to be found; simulates the scale of QoC where none is given."""
     scenario, network, rules = config.build_scenario(), config.build_network(), config.loop.build()
     space, measure, limits, traffic = (
         config.build_space(), config.build_measure(), config.limits.build(), config.traffic.build()

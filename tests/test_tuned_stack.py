@@ -22,9 +22,11 @@ from qocjax.nav2.advised import Set
 from qocjax.tune import run as tune
 
 LITTLE = ["loop.tau=0.1", "scenario.horizon=6", "figures=false"]
-SEARCH = ["search.budget=100", "search.block=2", "search.choice_seeds=2", "search.methods=[cma_es]", "search.tau=[0.1]",
-          "search.repetitions=1", "search.deadline_ms=[100,300]", "front=null", "sweep=base", "+sweep.grids.tau=[0.1]",
-          "sweep.deadline_ms=[100,200]", "sweep.seeds=2", "sweep.evaluation_seeds=4"]  # fmt: skip
+SEARCH = [
+    "search.budget=100", "search.block=2", "search.choice_seeds=2", "search.finalists=4", "search.methods=[cma_es]",
+    "search.tau=[0.1]", "search.repetitions=1", "search.deadline_ms=[100,300]", "front=null", "sweep=base",
+    "+sweep.grids.tau=[0.1]", "sweep.deadline_ms=[100,200]", "sweep.seeds=2", "sweep.evaluation_seeds=4",
+]  # fmt: skip
 TUNE = ["tune.deadline_ms=[200]", "tune.starts=1", "tune.steps=2", "tune.step_seeds=2", "tune.seeds=2",
         "tune.evaluation_seeds=4", "tune.patience=0"]  # fmt: skip
 STACK = ["controller=navigation", "controller.mppi.batch_size=64", "controller.mppi.time_steps=30"]

@@ -25,6 +25,8 @@ class SearchConfig(Part):
     repetitions: int
     block: int
     choice_seeds: int
+    finalists: int
+    curve_seeds: int | None
     measure: str
     tail: float
 

@@ -12,7 +12,7 @@ from qocjax import _checks
 from qocjax.scenario import Design
 from qocjax.study.grid import Grid
 from qocjax.study.scores import Scores
-from qocjax.study.search.find import CHOICE_SEEDS, FIRST, Found, find
+from qocjax.study.search.find import CHOICE_SEEDS, FINALISTS, FIRST, Found, find
 from qocjax.study.search.judge import Judged, judge, stacked, tie_set
 from qocjax.study.search.policies import policy_designs
 from qocjax.study.search.trial import Problem
@@ -46,6 +46,8 @@ def compete(
     key: int = 0,
     block: int = 8,
     choice_seeds: int = CHOICE_SEEDS,
+    finalists: int = FINALISTS,
+    num_curve_seeds: int | None = None,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Contest:
     """Runs every method with the same budget, chooses the best design, and judges all on fresh seeds.
@@ -62,6 +64,8 @@ def compete(
         key: Root of the random numbers of the methods.
         block: Seeds of one look at a point.
         choice_seeds: Seeds on which each search chooses among its last points.
+        finalists: How many points those are.
+        num_curve_seeds: Seeds on which what each search knew on its way is judged; None for half of those that judge.
         progress: Called with a line before each part.
 
     Raises:
@@ -75,7 +79,7 @@ def compete(
         for method in methods:
             progress(f"{method}, repetition {repetition + 1} of {repetitions}")
             found.append(find(problem, method, budget, repetition=repetition, key=key, block=block,
-                              choice_seeds=choice_seeds))  # fmt: skip
+                              choice_seeds=choice_seeds, finalists=finalists))  # fmt: skip
     progress("one-at-a-time sweeps")
     picks = policy_designs(
         problem, grid, range(FIRST["sweep"], FIRST["sweep"] + num_sweep_seeds), min_reliability
@@ -84,7 +88,8 @@ def compete(
     policies, reference = _judge_policies(problem, picks, seeds)
     finals = _judge_finals(problem, found, seeds, reference)
     place = int(np.argmax([one.fitness for one in found]))
-    curve = _judge_curve(problem, found, seeds)
+    few = num_curve_seeds or max(2, len(seeds) // 2)
+    curve = _judge_curve(problem, found, seeds[:few])
     return Contest(finals.iloc[place], finals, curve, policies, _ties(problem, found, place, seeds))
 
 
@@ -112,7 +117,7 @@ def _judge_finals(problem: Problem, found: list[Found], seeds: range, reference:
 
 
 def _judge_curve(problem: Problem, found: list[Found], seeds: range) -> pd.DataFrame:
-    """At some counts of simulations the best design known then, each on half the seeds."""
+    """At some counts of simulations the best design known then."""
     rows, designs = [], []
     for one in found:
         spent = np.array([count for count, _ in one.history])
@@ -122,7 +127,7 @@ def _judge_curve(problem: Problem, found: list[Found], seeds: range) -> pd.DataF
                          "final": bool(place == len(spent) - 1)})  # fmt: skip
             designs.append(one.history[place][1])
     names = ["score", "qoc", "collision_share", "excess", "feasible", *problem.space.baseline.names]
-    table = _judge_distinct(problem, stacked(designs), seeds[: max(2, len(seeds) // 2)])
+    table = _judge_distinct(problem, stacked(designs), seeds)
     return pd.concat([pd.DataFrame(rows), table[names]], axis=1)
 
 

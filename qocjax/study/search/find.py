@@ -11,13 +11,13 @@ from qocjax.scenario import Design
 from qocjax.study.search.methods import METHODS
 from qocjax.study.search.trial import BudgetSpentError, Problem, Trial, take
 
-__all__ = ["CHOICE_SEEDS", "FIRST", "Found", "find"]
+__all__ = ["CHOICE_SEEDS", "FINALISTS", "FIRST", "Found", "find"]
 
 # Where the seeds of each purpose begin: searches, choices, judgements and the one-at-a-time sweeps never share one.
 FIRST = {"search": 0, "choice": 100_000_000, "judge": 200_000_000, "sweep": 300_000_000, "pilot": 400_000_000}
 CHOICE_SEEDS = 64
 _APART = 100_000  # seeds between two repetitions
-_FINALISTS = 12
+FINALISTS = 12
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ def find(
     key: int = 0,
     block: int = 8,
     choice_seeds: int = CHOICE_SEEDS,
+    finalists: int = FINALISTS,
 ) -> Found:
     """Searches with a method, then simulates the best points anew on seeds of their own, and takes the best of them.
 
@@ -59,12 +60,13 @@ def find(
         key: Root of the random numbers of the method.
         block: Seeds of one look at a point.
         choice_seeds: Seeds of the final choice, on which each of its points is simulated.
+        finalists: How many points those are.
 
     Raises:
         ValueError: An unknown method, or a budget that leaves nothing to search with.
     """
     _checks.choice("method", method, METHODS)
-    reserve = _FINALISTS * _checks.count("choice_seeds", choice_seeds, least=2)
+    reserve = _checks.count("finalists", finalists) * _checks.count("choice_seeds", choice_seeds, least=2)
     least = reserve + 32 * _checks.count("block", block, least=2)
     if _checks.count("budget", budget) < least:
         raise ValueError(f"budget: got {budget} simulations, expected at least {least}, of which {reserve} are for the "
@@ -77,12 +79,12 @@ def find(
         METHODS[method](trial)
     except BudgetSpentError:
         pass
-    return _choose(trial, method, repetition, choice_seeds)
+    return _choose(trial, method, repetition, choice_seeds, finalists)
 
 
-def _choose(trial: Trial, method: str, repetition: int, choice_seeds: int) -> Found:
+def _choose(trial: Trial, method: str, repetition: int, choice_seeds: int, count: int) -> Found:
     space = trial.problem.space
-    finalists = space.designs(np.array([known.unit for known in trial.finalists(_FINALISTS)]))
+    finalists = space.designs(np.array([known.unit for known in trial.finalists(count)]))
     seeds = range(FIRST["choice"], FIRST["choice"] + choice_seeds)
     scores, collided = trial.problem.simulate(finalists, seeds)
     excess = trial.problem.excess(finalists, collided, cautious=True)
