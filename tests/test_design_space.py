@@ -25,6 +25,7 @@ from qocjax.study.grid import full_grid
 from qocjax.study.units import joined
 from qocjax.sweep import run
 from qocjax.sweep_page import policy_text
+from qocjax.tunables import APF, CBF, LOOP, NAVIGATION, NETWORK, ROBOT, design_name
 
 LITTLE = ["sweep=base", "sweep.seeds=3", "sweep.evaluation_seeds=4", "sweep.deadline_ms=[100,250]", "report=false",
           "loop.tau=0.1", "scenario.horizon=6", "figures=false", "max_collision_share=null"]  # fmt: skip
@@ -199,3 +200,13 @@ def test_seeds_that_share_an_observation_on_any_network_share_it() -> None:
 
     assert partition(joined([np.array([0, 0, 1, 2]), np.array([5, 6, 6, 7])])) == [[0, 1, 2], [3]]
     assert joined([np.array([3, 4])] * 2).tolist() == [3, 4]
+
+
+def test_the_page_on_parameters_names_what_is_declared() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
+    for each in (*ROBOT, *LOOP, *APF, *CBF, *NETWORK):
+        name = design_name(each.name)
+        assert f"`{name}`" in text or name in ("loop.plan_length", "deadline"), each.name
+    for each in NAVIGATION:
+        if each.array and ".critics." not in each.name:
+            assert f"`{each.name.removeprefix('controller.')}`" in text, each.name
