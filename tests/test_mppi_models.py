@@ -98,6 +98,7 @@ def test_rollouts_move_sideways() -> None:
     assert after.vy is not None and after.past_vy is not None
 
 
+@pytest.mark.slow
 def test_speeds_to_the_side_are_drawn_too() -> None:
     """Independent of the others, with their own spread; what is averaged follows the weights."""
     config = replace(OMNI, batch_size=2000, vx_std=0.0, wz_std=0.0, vy_std=0.1, ax_max=None, ax_min=None, ay_max=None,

@@ -17,7 +17,7 @@ import pytest
 from cases import DEADLINES, HOLD_OPTIONS, MODES, GivenNetwork, a_case, assert_same_run
 from hydra import compose, initialize_config_dir
 
-from qocjax import Design, Run, Scenario, evaluate, gradient, paper_network, simulate
+from qocjax import Design, Run, Scenario, evaluate, gradient, paper_network, replay, simulate
 from qocjax._math import EXACT
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.controllers import Cbf
@@ -63,6 +63,7 @@ def test_the_loop_like_the_slow_loop(robot: Robot, k: int) -> None:
         np.testing.assert_allclose(run.auc, slow["auc"], rtol=1e-2, atol=1e-4)  # a curved reference counts as straight
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", KINDS, ids=lambda each: type(each).__name__)
 def test_the_area_like_the_slow_loop(robot: Robot) -> None:
     case = a_case(np.random.default_rng(2), "typical", num_robots=2, ticks=130, horizon=1.3)
@@ -209,15 +210,18 @@ def test_the_example_of_the_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     speed = np.asarray(slow.speed)[:, 0, 0]
     told = np.asarray(slow.command)[:-1, 0, 0]
     np.testing.assert_allclose(speed[1:], told + np.exp(-0.01 / 0.3) * (speed[:-1] - told), atol=1e-12)
-    runs = evaluate(replace(scenario, robot=kind(0.3)), design, paper_network(), [0, 1])
-    assert np.isfinite(runs["auc"]).all()
     with pytest.raises(ValueError, match=r"time_constant: got 0.0, expected a number above 0"):
         Scenario(robot=kind(0.0))
 
 
 @pytest.mark.slow
-def test_the_example_from_the_command_line(tmp_path: Path) -> None:
+def test_the_example_in_batches_and_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_example(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    scenario, design = Scenario(horizon=5.0, robot=import_module("lag").Lag(0.3)), Design(deadline=0.2)
+    runs = evaluate(scenario, design, paper_network(), [0, 1], dtype="float64")
+    single = replay(scenario, design, paper_network(), 1)
+    np.testing.assert_allclose(runs["auc"].values[0, 1], single.auc, rtol=1e-9)
     line = [sys.executable, "-m", "qocjax.sweep", "robot._target_=lag.Lag", "+robot.time_constant=0.1", "sweep=kappa",
             "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[200]", "sweep.seeds=2", "sweep.evaluation_seeds=2",
             "hydra.run.dir=out"]  # fmt: skip
