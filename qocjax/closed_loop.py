@@ -15,8 +15,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from qocjax._math import AngleMath
-from qocjax.controllers import Apf, Controller, Sight, Task
+from qocjax.controllers import Apf, Controller, PlanMaker, Sight, Task, plan_of
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
+from qocjax.packets import Replayed, UnderWay, following, in_force, none_under_way
 from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
 from qocjax.quality import Tally
 from qocjax.reference import reference_path
@@ -75,11 +76,12 @@ class _State:
     """What one tick hands to the next."""
 
     pose: Pose
-    applied: Command  # the command in force, before any hold gain
+    applied: Command  # the command in force, before any hold gain; the packet, [M, N, *B], where commands are plans
     speed: Command | None  # at which the robot drives at t_p, None where nothing reads it; the last command if obeyed
     error: tuple[Array, Array]  # disagreement delta at t_p
     tally: Tally
     memory: Any  # the controller's
+    under_way: UnderWay | Replayed | None  # what was sent, where a plan is to begin from the predicted pose
 
 
 class _Row(NamedTuple):
@@ -127,9 +129,15 @@ def run_closed_loop(
     task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.robot)
     memory = plan.controller.begin(task, pose, keys)
     kept = still if scenario.robot.remembers or plan.controller.sees_speed else None
-    state = _State(pose, still, kept, (pose.x - path[0][0], pose.y - path[1][0]), Tally.zero(pose), memory)
+    packet, under_way = still, None
+    if plan.rules.plan_length is not None:
+        packet = jax.tree.map(lambda a: jnp.zeros((plan.rules.plan_length, *a.shape), a.dtype), still)
+        if plan.rules.actuation == "deadline" and not isinstance(plan.controller, PlanMaker):
+            under_way = none_under_way(task, pose, plan.lag)
+    error = (pose.x - path[0][0], pose.y - path[1][0])
+    state = _State(pose, packet, kept, error, Tally.zero(pose), memory, under_way)
     tick = _Tick(scenario, task, mid_tick, plan)
-    loop = Loop(tick.sample, tick.act, still)
+    loop = Loop(tick.sample, tick.act, packet)
     if plan.slots == 0:
         state, recorded = in_blocks(loop, state, rows, plan.lag), None
     else:
@@ -155,8 +163,16 @@ class _Tick:
         """Reads the poses at t_p and computes the new command."""
         tally = state.tally.at_instant(row.tick, state.pose, self.task.goal, self.task.design)
         sight = Sight(row.tick, state.pose, row.network.age, state.speed)
-        memory, command, view = self.plan.controller.command(self.task, state.memory, sight)
-        return replace(state, tally=tally, memory=memory), command, view
+        if (length := self.plan.rules.plan_length) is None:
+            memory, command, view = self.plan.controller.command(self.task, state.memory, sight)
+            return replace(state, tally=tally, memory=memory), command, view
+        under_way = state.under_way
+        if under_way is not None:
+            sight = sight._replace(begin=under_way.predicted(self.task, state.pose, state.speed))
+        memory, packet, view = plan_of(self.plan.controller, self.task, state.memory, sight, length)
+        if under_way is not None:
+            under_way = under_way.sent(self.task, in_force(packet))
+        return replace(state, tally=tally, memory=memory, under_way=under_way), packet, view
 
     def act(self, state: _State, row: _Row, due: Command) -> tuple[_State, Any]:
         """The due command takes effect if its loop completed; the robots move, in two pieces where that is between.
@@ -164,20 +180,33 @@ class _Tick:
         That is at t_p + rest, where the deadline is no multiple of tau.
         """
         net = row.network
+        if state.under_way is not None:
+            state = replace(state, under_way=state.under_way.due(self.task, in_force(due)))
         if row.reference_mid is None:
-            applied = _choose(net.fresh, due, state.applied)
-            first = applied.scaled(net.gain_start)
+            applied = self._choose(net.fresh, due, state.applied, True)
+            first = self._driven(applied, net.gain_start)
             moved = self._move(state, applied, first, row.length, row.reference_end)
         else:
-            applied = _choose(net.fresh & jnp.logical_not(self.mid_tick), due, state.applied)
-            first = applied.scaled(net.gain_start)
+            applied = self._choose(net.fresh, due, state.applied, jnp.logical_not(self.mid_tick))
+            first = self._driven(applied, net.gain_start)
             h = jnp.minimum(self.task.rest, row.length)
             halfway = self._move(state, applied, first, h, row.reference_mid)
-            applied = _choose(net.fresh & self.mid_tick, due, applied)
-            moved = self._move(halfway, applied, applied.scaled(net.gain_mid), row.length - h, row.reference_end)
+            applied = self._choose(net.fresh, due, applied, self.mid_tick)
+            second = self._driven(applied, net.gain_mid)
+            moved = self._move(halfway, applied, second, row.length - h, row.reference_end)
         if not self.plan.record:
             return moved, None
         return moved, (state.pose, first, state.speed if self.scenario.robot.remembers else first)
+
+    def _choose(self, fresh: Array, due: Command, held: Command, now: bool | Array) -> Command:
+        """What is in force after an instant at which commands take effect, if this is one."""
+        if self.plan.rules.plan_length is None:
+            return _where(fresh if now is True else fresh & now, due, held)
+        return _where(now, following(fresh, due, held), held)
+
+    def _driven(self, applied: Command, gain: Array | None) -> Command:
+        """The command that the robots follow."""
+        return (applied if self.plan.rules.plan_length is None else in_force(applied)).scaled(gain)
 
     def _move(
         self, state: _State, applied: Command, command: Command, h: Array, reference: tuple[Array, Array]
@@ -216,8 +245,8 @@ def _whole_blocks(loop_times: Array, plan: Plan) -> Array:
     return jnp.concatenate([loop_times, jnp.full((lost, *loop_times.shape[1:]), jnp.inf, loop_times.dtype)])
 
 
-def _choose(fresh: Array, due: Command, held: Command) -> Command:
-    return jax.tree.map(lambda new, old: jnp.where(fresh, new, old), due, held)
+def _where(condition: bool | Array, due: Command, held: Command) -> Command:
+    return jax.tree.map(lambda new, old: jnp.where(condition, new, old), due, held)
 
 
 def _per_robot(goal: Array, start: Array) -> Array:

@@ -140,7 +140,8 @@ def problem_of(config: CodesignConfig) -> Problem:
     """What a configuration asks to be found; simulates the scale of QoC where none is given."""
     scenario, network, rules = config.build_scenario(), config.build_network(), config.loop.build()
     space, measure, limits, traffic = (
-        config.build_space(), config.build_measure(), config.limits.build(), config.traffic.build()
+        config.build_space(), config.build_measure(), config.limits.build(),
+        config.traffic.build(config.loop.plan_bytes),
     )  # fmt: skip
     controller = config.build_controller()
     config.check_rate(network, min(*space.tau, *np.asarray(config.build_grid().designs.tau)))

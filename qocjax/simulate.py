@@ -89,6 +89,7 @@ def simulate(
     *,
     hold_timeout: float = 0.5,
     hold_decay: float = 0.5,
+    plan_length: int | None = None,
     controller: Controller | None = None,
     key: Array | None = None,
 ) -> Run:
@@ -105,9 +106,10 @@ def simulate(
         loop_times: [P, N] T_net of the loop that starts at t_p (s), inf where lost. P covers the horizon:
             ceil(horizon / tau).
         actuation: `deadline`, `arrival` or `instant` (model, section 4).
-        hold: `hold`, `zero`, `timeout` or `decay` (model, section 4).
+        hold: `hold`, `zero`, `timeout`, `decay` (model, section 4) or `buffer` (`qocjax.packets`).
         hold_timeout: For `timeout` (s).
         hold_decay: For `decay` (s).
+        plan_length: For `buffer`: M, commands of a packet.
         controller: What computes the commands, by default the surrogate law.
         key: Random key, for a controller that draws; `jax.random.key(0)` by default.
 
@@ -117,7 +119,7 @@ def simulate(
     Raises:
         ValueError: A start on the reference, loop times of the wrong shape, negative or NaN, or an unknown mode.
     """
-    rules = Rules(actuation, hold, hold_timeout, hold_decay)
+    rules = Rules(actuation, hold, hold_timeout, hold_decay, plan_length)
     for argument, value, kind in (("scenario", scenario, Scenario), ("design", design, Design)):
         if not isinstance(value, kind):
             raise TypeError(f"{argument}: got {type(value).__name__}, expected a {kind.__name__}")
@@ -128,7 +130,7 @@ def simulate(
     check_start(scenario, scenario.start)
     controller = controller or Apf()
     check_others(controller.tunables, design.others)
-    controller.check(scenario, design, actuation)
+    controller.check(scenario, design, rules)
     mid_tick, slots = _timing(design, times.shape[0], rules)
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
     design = jax.tree.map(lambda each: jnp.asarray(each, times.dtype), design)  # 0 and 0.1 on one program

@@ -14,7 +14,7 @@ from qocjax import Design, Run, Scenario
 from qocjax.network.schedule import ACTUATIONS, HOLDS
 from qocjax.robots import Ackermann, Robot, Unicycle
 
-MODES = [(actuation, hold) for actuation in ACTUATIONS for hold in HOLDS]
+MODES = [(actuation, hold) for actuation in ACTUATIONS for hold in HOLDS if hold != "buffer"]
 HOLD_OPTIONS = {"hold_timeout": 0.35, "hold_decay": 0.4}
 DEADLINES = ("zero", "below tau", "on grid", "off grid", "typical", "above horizon")
 

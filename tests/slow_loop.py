@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, pairwise
 from typing import Any
@@ -20,7 +21,7 @@ FLOOR = 1e-6  # m, smallest distance that the control law sees
 GAUSS = list(zip(*(column.tolist() for column in np.polynomial.legendre.leggauss(5)), strict=True))
 OPTIONS = {
     "actuation": ("deadline", "arrival", "instant"),
-    "hold": ("hold", "zero", "timeout", "decay"),
+    "hold": ("hold", "zero", "timeout", "decay", "buffer"),
     "reference": ("nominal", "uncapped", "follow"),
     "normaliser": ("start", "goal_distance"),
 }
@@ -88,6 +89,7 @@ class Robot:
     area: float = 0.0  # integral of |p - reference|²_W
     length: float = 0.0  # integral of |nu|
     effort: float = 0.0  # integral of nu² + omega²
+    rest: list[tuple[float, ...]] = field(default_factory=list)  # commands of the packet that are still to come
 
     @property
     def pose(self) -> tuple[float, float, float]:
@@ -146,15 +148,18 @@ class Robot:
                     self.area += half * weight * self.squared_distance(x, y, self.path.at(t))
         self.x, self.y, self.theta = self.pose_after(t1 - t0)
 
-    def end_loop(self, sampled: float, command: tuple[float, ...] | None, hold: str) -> None:
+    def end_loop(self, sampled: float, packet: list[tuple[float, ...]] | None, hold: str) -> None:
         """A loop ends: its command takes effect, or (None) it counts as missed; an outdated end is ignored."""
         if self.sampled is not None and sampled < self.sampled:
             return
-        if command is not None:
-            self.set(command)
-            self.sampled, self.scale = sampled, 1.0
+        if packet is not None:
+            self.set(packet[0])
+            self.rest, self.sampled, self.scale = packet[1:], sampled, 1.0
         elif hold == "zero":
             self.scale = 0.0
+        elif hold == "buffer":
+            command, *self.rest = *self.rest, tuple(0.0 for _ in self.command)
+            self.set(command)
 
     def apply_hold(self, t: float, deadline: float, hold: str, timeout: float, decay: float) -> None:
         """What the hold rule makes of the command in force, at the sampling instant t (section 4)."""
@@ -292,6 +297,33 @@ def control(i: int, robots: list[Robot], ages: list[float], design: dict[str, fl
     return me.steer(vx, vy, design)
 
 
+def plans(
+    robots: list[Robot], sent: list[list[tuple[float, ...]]], ages: list[float], design: dict[str, float],
+    actuation: str, length: int,
+) -> list[list[tuple[float, ...]]]:  # fmt: skip
+    """The packets of all robots: the law, driven on from where what was sent will have led them."""
+    ghosts = [copy(robot) for robot in robots]
+
+    def drive(commands: list[tuple[float, ...]], h: float) -> None:
+        for ghost, command in zip(ghosts, commands, strict=True):
+            ghost.set(command)
+            ghost.scale = 1.0
+            ghost.move(0.0, h, 1)
+
+    tau, still = design["tau"], [tuple(0.0 for _ in ghost.command) for ghost in ghosts]
+    whole, rest = effect_delay(0.0, False, design, actuation)
+    for ticks_ago in range(whole + 1, 0, -1):  # the oldest is in force for what is left of its period
+        commands = sent[-ticks_ago] if ticks_ago <= len(sent) else still
+        drive(commands, rest if ticks_ago == whole + 1 else tau)
+    packets: list[list[tuple[float, ...]]] = [[] for _ in robots]
+    for k in range(length):
+        commands = [control(i, ghosts, [a + k * tau for a in ages], design) for i in range(len(robots))]
+        for packet, command in zip(packets, commands, strict=True):
+            packet.append(command)
+        drive(commands, tau)
+    return packets
+
+
 def effect_delay(loop_time: float, completed: bool, design: dict[str, float], actuation: str) -> tuple[int, float]:
     """When a loop ends: (m, f) stands for f seconds after the m-th sampling instant from its own (section 4)."""
     tau, deadline = design["tau"], design["deadline"]
@@ -339,13 +371,14 @@ def arrival_time(robot: Robot, i: int, time: list[float], pose: list[Any], radiu
 
 def simulate(
     robots: list[Robot], time: list[float], loops: np.ndarray, design: dict[str, float],
-    actuation: str, hold: tuple[str, float, float], substeps: int,
+    actuation: str, hold: tuple[str, float, float], substeps: int, plan_length: int | None = None,
 ) -> tuple[list[Any], list[Any], list[Any], list[bool]]:  # fmt: skip
     """Drive the robots from t_0 to t_P: poses [P+1], commands and ages [P] by tick, and which loops completed.
 
     `hold` is (rule, timeout, decay).
     """
     pose, command, age, completed = [[r.pose for r in robots]], [], [], []
+    sent: list[list[tuple[float, ...]]] = []  # first commands of all robots, by tick
     # Ends of loops, by tick: those at the sampling instant, and those some time after it.
     at_tick: dict[int, list[Any]] = defaultdict(list)
     after_tick: dict[int, list[Any]] = defaultdict(list)
@@ -354,7 +387,11 @@ def simulate(
             robot.end_loop(sampled, u, hold[0])
 
         age.append([r.age(t) for r in robots])
-        decided = [control(i, robots, age[p], design) for i in range(len(robots))]
+        if plan_length is None:
+            decided = [[control(i, robots, age[p], design)] for i in range(len(robots))]
+        else:
+            decided = plans(robots, sent, age[p], design, actuation, plan_length)
+        sent.append([packet[0] for packet in decided])
         for i, robot in enumerate(robots):
             loop_time = float(loops[p, i])
             completed.append(loop_time <= design["deadline"] * (1 + ROUNDING))
@@ -390,12 +427,13 @@ def run(
     actuation: str = "deadline", hold: str = "hold", hold_timeout: float = 0.5, hold_decay: float = 0.5,
     reference: str = "nominal", reference_kappa: float = 2.0, reference_v_max: float = 0.7,
     reference_per_robot: bool = False, weights: tuple[float, float] = (1.0, 1.0), normaliser: str = "start",
-    substeps: int = 1, robot: str = "unicycle", numbers: dict[str, Any] | None = None,
+    plan_length: int | None = None, substeps: int = 1, robot: str = "unicycle", numbers: dict[str, Any] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Simulate one run and score it.
 
     `start` is [N, 3], `goal` (2,) or [N, 2], `loop_times` [P, N] in s with inf where lost; `design` has v_max,
-    omega_max, eta, kappa, gamma, c_miss, d_safe, tau, deadline. `hold_timeout` and `hold_decay` are in s.
+    omega_max, eta, kappa, gamma, c_miss, d_safe, tau, deadline. `hold_timeout` and `hold_decay` are in s; `plan_length`
+    counts the commands of a packet, with hold `buffer`.
     `reference_kappa` and `reference_v_max` are the nominal ones; `reference_per_robot` gives each robot its own path,
     from its start to its goal. `substeps` counts the parts, of 5 Gauss points each, of every piece between two events.
     `robot` is one of KINDS, `numbers` are what its class has beside a unicycle's.
@@ -423,7 +461,7 @@ def run(
         raise ValueError(f"loop_times: got shape {loops.shape}, expected {(len(time) - 1, len(robots))} without NaN")
 
     rule = (hold, hold_timeout, hold_decay)
-    pose, command, age, completed = simulate(robots, time, loops, design, actuation, rule, substeps)
+    pose, command, age, completed = simulate(robots, time, loops, design, actuation, rule, substeps, plan_length)
 
     pairs = combinations(range(len(robots)), 2)
     apart = [math.dist(at_t[i][:2], at_t[j][:2]) for i, j in pairs for at_t in pose]

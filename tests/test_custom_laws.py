@@ -81,6 +81,9 @@ class Grows(Still):
 class Talks(Still):
     def report(self, memory):
         return {"one": jnp.zeros(3)}
+class Plans(Still):
+    def plan(self, task, memory, sight, length):
+        return self.command(task, memory, sight)
 @dataclass
 class Soft(Still):
     weight: float = 1.0
@@ -207,6 +210,9 @@ WRONG = {
     "a command alone": (["somelaws.Short"], "Short.command: got Command, expected"),
     "memory that grows": (["somelaws.Grows"], r"got memory of float32\[2, 2, 2, 3\] after float32\[2, 2, 3\]"),
     "a report of another shape": (["somelaws.Talks"], r"Talks.report: got one of shape \(3,\), expected one number"),
+    "a plan of one command": (
+        ["somelaws.Plans"], r"Plans.plan: got nu of float32\[2, 2, 3\], expected float32\[3, 2, 2, 3\], for each"
+    ),
     "a sweep over what it does not read": (
         ["lab.Straight", "+sweep.grids.eta=[0.1,0.2]"], "eta: got several values, but Straight does not read it"
     ),
@@ -219,6 +225,16 @@ def test_what_is_wrong_with_a_law_is_one_line(case: str, laws: Path) -> None:
     with pytest.raises(ValueError, match=told) as raised:
         qocjax.sweep.run(configured(f"controller._target_={target}", *options), quiet=True)
     assert "\n" not in str(raised.value)
+
+
+def test_a_law_from_outside_fills_packets(laws: Path) -> None:
+    """Its plans are rolled as the surrogate law's are, which without repulsion it is."""
+    plans = ("loop.hold=buffer", "loop.plan_length=4", "sweep.grids.kappa=[2]", "scenario.horizon=2")
+    found, wanted = (
+        qocjax.sweep.run(configured(law, *plans), quiet=True).runs["auc"]
+        for law in ("controller._target_=lab.Straight", "controller.eta=0")
+    )
+    np.testing.assert_allclose(found, wanted, rtol=1e-6)
 
 
 def test_what_a_law_does_not_read_may_be_left_out(laws: Path) -> None:

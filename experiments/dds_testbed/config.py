@@ -120,7 +120,7 @@ class TestbedConfig(SimulationConfig):
                              "middleware=fastdds, which alone has the odometry that it reads")  # fmt: skip
         if getattr(controller, "predict", False):
             raise ValueError("controller.predict: got true, expected false in the testbed")
-        controller.check(self.build_scenario(), self.baseline(), self.loop.build().actuation)
+        controller.check(self.build_scenario(), self.baseline(), self.loop.build())
 
     def write(self, folder: Path) -> None:
         """Writes the configuration for the edge."""

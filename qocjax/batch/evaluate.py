@@ -135,7 +135,7 @@ def run_grid(
     controller = controller or Apf()
     every = Design.of(grid)
     check_others(controller.tunables, every.others)
-    controller.check(scenario, every, rules.actuation)
+    controller.check(scenario, every, rules)
     runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks, controller)
     total = len(numbers if only is None else seeds)
     runs_each, general = scenario.num_robots * total, not (in_blocks or controller.costly)

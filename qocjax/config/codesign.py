@@ -69,9 +69,9 @@ class TrafficConfig(Part):
     downlink_bytes: float
     carrier: CarrierConfig
 
-    def build(self) -> Traffic:
-        """The traffic."""
-        return Traffic(self.uplink_bytes, self.downlink_bytes, Carrier(**self.carrier.model_dump()))
+    def build(self, plan_bytes: int = 0) -> Traffic:
+        """The traffic, its downlink messages larger by the further commands of a plan."""
+        return Traffic(self.uplink_bytes, self.downlink_bytes + plan_bytes, Carrier(**self.carrier.model_dump()))
 
 
 class FrontConfig(Part):

@@ -13,7 +13,7 @@ from qocjax.config.trace import TraceConfig
 from qocjax.network import LoopNetwork, Network, kth_5g_network, with_edge
 from qocjax.network.dds import DdsNetwork, Profile, Topic
 
-__all__ = ["NetworkConfig"]
+__all__ = ["DdsConfig", "NetworkConfig"]
 
 
 class LoopNetworkConfig(Part):

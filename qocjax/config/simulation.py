@@ -9,8 +9,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
+from qocjax import _checks
+from qocjax.config.cell import CellConfig
 from qocjax.config.controller import ControllerConfig, map_of
-from qocjax.config.network import NetworkConfig
+from qocjax.config.network import DdsConfig, NetworkConfig
 from qocjax.config.options import number_at
 from qocjax.config.part import Part
 from qocjax.config.robot import RobotConfig
@@ -32,10 +34,18 @@ class LoopConfig(Part):
     hold: str
     hold_timeout: float
     hold_decay: float
+    plan_length: int | None = None
+    command_bytes: int = 16
 
     def build(self) -> Rules:
         """Rules of actuation and hold."""
-        return Rules(self.actuation, self.hold, self.hold_timeout, self.hold_decay)
+        return Rules(self.actuation, self.hold, self.hold_timeout, self.hold_decay, self.plan_length)
+
+    @property
+    def plan_bytes(self) -> int:
+        """By how much a packet is larger than a message with one command."""
+        size = _checks.count("loop.command_bytes", self.command_bytes)
+        return 0 if self.hold != "buffer" else ((self.build().plan_length or 1) - 1) * size
 
 
 class ReferenceConfig(Part):
@@ -103,7 +113,7 @@ class SimulationConfig(Part):
         if edge is not None and edge.discipline is None:
             edge = edge.model_copy(update={"discipline": self.usual_discipline})
             network = network.model_copy(update={"edge": edge})
-        return network.build()
+        return _carrying(network, self.loop.plan_bytes).build()
 
     def rate_remark(self, network: Network, tau: float) -> str | None:
         """What is wrong with replaying a measured trace every `tau` s; None where nothing is, or it is allowed."""
@@ -166,3 +176,16 @@ class SimulationConfig(Part):
         self.robot.check()
         caps = {"v_max": self.robot.v_max, "omega_max": self.robot.omega_max}
         return Design.of(caps | {"tau": self.loop.tau} | self.controller.gains())
+
+
+def _carrying(network: NetworkConfig, more: int) -> NetworkConfig:
+    """A network whose messages with commands are larger (bytes), where it knows how large they are."""
+    if not more:
+        return network
+    if isinstance(network, CellConfig):
+        size: dict[str, float] = {"message_bytes": network.downlink.message_bytes + more}
+    elif isinstance(network, DdsConfig):
+        size = {"payload": network.downlink.payload + more}
+    else:
+        return network
+    return network.model_copy(update={"downlink": network.downlink.model_copy(update=size)})

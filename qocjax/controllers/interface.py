@@ -8,6 +8,7 @@ import numpy as np
 from jax import Array
 
 from qocjax._math import AngleMath
+from qocjax.network.schedule import Rules
 from qocjax.robots import Command, Pose, Robot, Unicycle
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import Tunable
@@ -35,10 +36,13 @@ class Sight(NamedTuple):
     pose: Pose  # sampled, each field [N, *B]
     age: Array  # of information, broadcastable to [N, *B] (s)
     speed: Command | None  # at which they drive as t_p is reached, each field [N, *B]; None where it is not kept
+    begin: tuple[Pose, Command | None] | None = None  # pose and speed predicted for t_p + Delta; None where not asked
 
 
 class Controller(Protocol):
     """A controller; frozen and hashable, since programs are compiled for it.
+
+    One that makes plans in a way of its own has a method `plan` too: `qocjax.controllers.rolled.PlanMaker`.
 
     Attributes:
         costly: Whether a command takes so long that no run may be simulated for filling up a batch.
@@ -74,13 +78,13 @@ class Controller(Protocol):
         """Whether its commands can be differentiated."""
         ...
 
-    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
+    def check(self, scenario: Scenario, designs: Design, rules: Rules) -> None:
         """Checks what can be known before anything runs.
 
         Args:
             scenario: Robots, nominal starts and goal.
             designs: Numbers, or arrays [G].
-            actuation: How commands take effect.
+            rules: When commands take effect, and what a missed loop does.
 
         Raises:
             ValueError: The controller cannot do it; the message says why.

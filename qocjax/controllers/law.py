@@ -11,6 +11,7 @@ from jax import Array
 
 from qocjax import _checks
 from qocjax.controllers.interface import Sight, Task
+from qocjax.network.schedule import Rules
 from qocjax.robots import Command, Pose
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import Tunable
@@ -31,7 +32,7 @@ class Law(ABC):
     smooth: bool = False
     tunables: tuple[Tunable, ...] = ()
 
-    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
+    def check(self, scenario: Scenario, designs: Design, rules: Rules) -> None:
         """Checks that no value is varied that it or the robot does not read.
 
         Raises:

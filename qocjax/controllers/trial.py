@@ -14,6 +14,7 @@ from jax import Array, ShapeDtypeStruct
 
 from qocjax._math import EXACT
 from qocjax.controllers.interface import Controller, Sight, Task
+from qocjax.controllers.rolled import PlanMaker
 from qocjax.robots import Command, Pose, Robot, Unicycle
 from qocjax.scenario import CONTINUOUS, DESIGN, Design
 
@@ -22,6 +23,7 @@ __all__ = ["failure_text", "try_out"]
 _BATCH = (2, 3)  # designs and seeds, as a batch lays them out
 _DTYPE = jnp.float32
 _SLOTS = 4
+_PLAN = 3  # commands of a packet, of a law that makes plans itself
 _LONGEST = 300  # letters of somebody else's message
 _LIBRARIES = (
     "<",
@@ -44,29 +46,35 @@ def try_out(law: Controller, robots: int, robot: Robot | None = None) -> None:
     name, robot = type(law).__name__, robot or Unicycle()
     try:
         with jax.enable_x64(False):
-            begun, answer, report = jax.eval_shape(lambda given: _cycle(law, robot, given), _given(robots))
+            begun, answers, report = jax.eval_shape(lambda given: _cycle(law, robot, given), _given(robots))
     except _WrongError as error:
         raise ValueError(f"{name}.{error}") from None
     except Exception as error:
         raise ValueError(f"{name}: {failure_text(error)}; QOCJAX_TRACEBACK=1 shows where") from error
     whole = (robots, *_BATCH)
-    memory, command, _ = answer
-    still = jax.eval_shape(robot.still, _given(robots)["pose"])
-    if _shapes(memory) != _shapes(begun):
-        raise ValueError(f"{name}.command: got memory of {_text(memory)} after {_text(begun)}, expected it to "
-                         "stay of one shape and type")  # fmt: skip
-    for each in fields(Command):
-        value, wanted = getattr(command, each.name), getattr(still, each.name)
-        if (value is None) != (wanted is None):
-            raise ValueError(f"{name}.command: got {'no' if value is None else 'a'} {each.name}, expected what a "
-                             f"{type(robot).__name__} takes (task.robot.steer gives it)")  # fmt: skip
-        if value is not None and (value.shape, value.dtype) != (whole, _DTYPE):
-            raise ValueError(f"{name}.command: got {each.name} of {value.dtype}{list(value.shape)}, expected "
-                             f"float32{list(whole)}, as the poses are")  # fmt: skip
+    for method, (memory, command, _) in answers.items():
+        if _shapes(memory) != _shapes(begun):
+            raise ValueError(f"{name}.{method}: got memory of {_text(memory)} after {_text(begun)}, expected it to "
+                             "stay of one shape and type")  # fmt: skip
+        _check_command(f"{name}.{method}", command, robot, whole if method == "command" else (_PLAN, *whole))
     for key, value in report.items():
         if value.shape != whole:
             raise ValueError(f"{name}.report: got {key} of shape {value.shape}, expected one number for each robot "
                              f"and run, {whole}")  # fmt: skip
+
+
+def _check_command(name: str, command: Command, robot: Robot, whole: tuple[int, ...]) -> None:
+    """Checks that a command is one of the robot, or a plan one of M of them."""
+    still = jax.eval_shape(robot.still, _given(whole[-3])["pose"])
+    for each in fields(Command):
+        value, wanted = getattr(command, each.name), getattr(still, each.name)
+        if (value is None) != (wanted is None):
+            raise ValueError(f"{name}: got {'no' if value is None else 'a'} {each.name}, expected what a "
+                             f"{type(robot).__name__} takes (task.robot.steer gives it)")  # fmt: skip
+        if value is not None and (value.shape, value.dtype) != (whole, _DTYPE):
+            which = "as the poses are" if len(whole) == 3 else f"for each of the {whole[0]} commands as the poses are"
+            raise ValueError(f"{name}: got {each.name} of {value.dtype}{list(value.shape)}, expected "
+                             f"float32{list(whole)}, {which}")  # fmt: skip
 
 
 class _WrongError(Exception):
@@ -91,18 +99,22 @@ def _given(robots: int) -> dict[str, Any]:
 
 
 def _cycle(law: Controller, robot: Robot, given: dict[str, Any]) -> tuple[Any, Any, dict[str, Array]]:
-    """What is remembered at first, what the command gives back, and the report."""
+    """What is remembered at first, what command and plan give back, and the report."""
     task = Task(given["goal"], Design(**given["design"]), EXACT, 100, given["lag"], given["rest"], _SLOTS, robot)
     memory = law.begin(task, given["pose"], given["keys"])
     speed = given["speed"] if law.sees_speed else None
-    answer = law.command(task, memory, Sight(given["tick"], given["pose"], given["age"], speed))
-    if not (isinstance(answer, tuple) and len(answer) == 3 and isinstance(answer[1], Command)):
-        raise _WrongError(f"command: got {_kind(answer)}, expected (memory, Command, what is recorded)")
-    report = law.report(answer[0])
+    sight = Sight(given["tick"], given["pose"], given["age"], speed)
+    answers = {"command": law.command(task, memory, sight)}
+    if isinstance(law, PlanMaker):
+        answers["plan"] = law.plan(task, memory, sight, _PLAN)
+    for method, answer in answers.items():
+        if not (isinstance(answer, tuple) and len(answer) == 3 and isinstance(answer[1], Command)):
+            raise _WrongError(f"{method}: got {_kind(answer)}, expected (memory, Command, what is recorded)")
+    report = law.report(answers["command"][0])
     if not isinstance(report, dict):
         raise _WrongError(f"report: got {_kind(report)}, expected a dict of arrays")
     # Constants count as arrays from here on.
-    return jax.tree.map(jnp.asarray, (memory, answer, report))
+    return jax.tree.map(jnp.asarray, (memory, answers, report))
 
 
 def _shapes(memory: Any) -> tuple[Any, list[str]]:

@@ -34,8 +34,10 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None, mp
         mppi: Of the navigation stack, if the advice was worked out with it; what it has otherwise than Nav2 is set.
 
     Raises:
-        ValueError: The user's file cannot be read, or ROS's parser would refuse it; one line with file and line.
+        ValueError: The rules ask for plans; or the user's file cannot be read, or ROS's parser would refuse it: one
+            line with file and line.
     """
+    rules.check_single()
     best = setting(advice, rules)
     tuned = {name: float(np.asarray(value)) for name, value in advice.recommended.others.items()}
     if source is None:

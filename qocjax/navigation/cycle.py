@@ -53,16 +53,18 @@ class View(NamedTuple):
     values: dict[str, Array]  # what the design varies of the stack, each []
 
 
-def cycle(stack: StackParts, robot: Robot, planning: Array) -> tuple[Command, State, View]:
+def cycle(stack: StackParts, robot: Robot, planning: Array, length: int | None = None) -> tuple[Command, State, View]:
     """Makes the costmap, plans if it is time, and computes the command.
 
     Args:
         stack: Parameters.
         robot: What is known.
         planning: Whether a new global plan is due.
+        length: How many commands are asked for, each a period after the one before; None for one, of shape [].
 
     Returns:
-        The command, the state of the local controller for the next cycle, and what the cycle looked at.
+        The command, or the commands [M], the state of the local controller for the next cycle, and what the cycle
+        looked at.
     """
     stack = varied(stack, robot.values)
     dtype, begin = robot.begin.dtype, robot.begin
@@ -87,7 +89,24 @@ def cycle(stack: StackParts, robot: Robot, planning: Array) -> tuple[Command, St
         robot.words, robot.state, path, has_path, found, going & rollouts.blocked, begin, robot.speed,
         robot.obstacles, robot.goal, robot.limits, robot.values,
     )  # fmt: skip
-    return command, state, view
+    return (command if length is None else _sequence(stack, robot, command, state, rollouts, length)), state, view
+
+
+def _sequence(
+    stack: StackParts, robot: Robot, command: Command, state: State, rollouts: Rollouts, length: int
+) -> Command:
+    """The command and those after it, [M]: the local controller's sequence, linear between its steps.
+
+    After a recovery, of which no more than its first command was looked at, the robot stands.
+    """
+    steps = jnp.arange(1, length) * (jnp.asarray(robot.limits.period) / stack.mppi.model_dt)
+    places = jnp.arange(stack.mppi.time_steps, dtype=state.vx.dtype)
+
+    def after(first: Array, sequence: Array) -> Array:
+        later = jnp.interp(steps.astype(sequence.dtype), places, sequence)
+        return jnp.concatenate([first[None], jnp.where(rollouts.blocked, 0.0, later)])
+
+    return jax.tree.map(after, command, state.sequence)
 
 
 def look(stack: StackParts, view: View) -> tuple[Layers, Rollouts]:

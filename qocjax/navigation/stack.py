@@ -31,6 +31,7 @@ from qocjax.navigation.maps import StaticMap, map_of_shapes
 from qocjax.navigation.mppi import initial_state
 from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import value_at
+from qocjax.network.schedule import Rules
 from qocjax.robots import Command, Pose, Robot
 from qocjax.scenario import Design, Scenario
 from qocjax.tunables import NAVIGATION
@@ -48,13 +49,13 @@ class NavigationStack(StackParts):
     smooth = False
     unread = ("eta", "kappa", "gamma", "c_miss", "d_safe")
 
-    def check(self, scenario: Scenario, designs: Design, actuation: str) -> None:
+    def check(self, scenario: Scenario, designs: Design, rules: Rules) -> None:
         """Checks designs, starts and goals against the stack and its map.
 
         Raises:
             ValueError: The rollouts' motion model is not the robot's; a design varies what the stack does not read, or
                 turns faster than it can; a start or goal is in a closed cell; robots start in collision; predictions
-                for another actuation than `deadline`.
+                for another actuation than `deadline`; plans without predictions, or longer than the horizon of MPPI.
         """
         for name in designs.others:
             try:
@@ -69,14 +70,26 @@ class NavigationStack(StackParts):
                 raise ValueError(
                     f"omega_max: got {fastest:g}, expected at most the stack's wz_max {self.mppi.wz_max:g}"
                 )
-        if self.predict and actuation != "deadline":
-            raise ValueError(f"actuation: got {actuation!r} with predict=True, expected 'deadline'")
+        if self.predict and rules.actuation != "deadline":
+            raise ValueError(f"actuation: got {rules.actuation!r} with predict=True, expected 'deadline'")
+        if rules.plan_length is not None:
+            self._check_plan(rules, rules.plan_length, designs)
         radius, own = (float(np.asarray(of.robot_radius)) for of in (scenario, self.inflation))
         if abs(radius - own) > 1e-6:
             raise ValueError(f"robot_radius: got {radius:g} m with an inflation for {own:g} m, expected one radius")
         goals = np.broadcast_to(np.asarray(scenario.goal), (scenario.num_robots, 2))
         check_free("goal", goals, self.static_map.grid, self.closed)
         self._check_places("start", scenario, np.asarray(scenario.start, np.float64)[:, :2])
+
+    def _check_plan(self, rules: Rules, length: int, designs: Design) -> None:
+        if not self.predict and rules.actuation == "deadline":
+            raise ValueError("predict: got False with hold 'buffer', expected True (controller.predict=true): a plan "
+                             "begins where the robot will be")  # fmt: skip
+        ahead = self.mppi.time_steps * self.mppi.model_dt
+        if _checks.is_concrete(designs.tau) and length * float(np.max(np.asarray(designs.tau))) > ahead * (1 + 1e-6):
+            tau = float(np.max(np.asarray(designs.tau)))
+            raise ValueError(f"plan_length: got {length}, expected at most {int(ahead / tau * (1 + 1e-6))}, the "
+                             f"{ahead:g} s that MPPI looks ahead at a period of {tau:g} s")  # fmt: skip
 
     def check_start(self, scenario: Scenario, start: np.ndarray, seeds: np.ndarray) -> None:
         """Checks the jittered starts.
@@ -122,6 +135,13 @@ class NavigationStack(StackParts):
 
     def command(self, task: Task, memory: Memory, sight: Sight) -> tuple[Memory, Command, View]:
         """One cycle of every robot."""
+        return self._cycles(task, memory, sight, None)
+
+    def plan(self, task: Task, memory: Memory, sight: Sight, length: int) -> tuple[Memory, Command, View]:
+        """One cycle of every robot, and of its local controller's sequence the first M commands [M, N, *B]."""
+        return self._cycles(task, memory, sight, length)
+
+    def _cycles(self, task: Task, memory: Memory, sight: Sight, length: int | None) -> tuple[Memory, Command, View]:
         pose, tick, shape = sight.pose, sight.tick, sight.pose.x.shape
         tau = jnp.asarray(task.design.tau)
         seen = lax.dynamic_update_index_in_dim(memory.seen, jnp.stack([pose.x, pose.y], axis=-1), tick, 0)
@@ -129,9 +149,12 @@ class NavigationStack(StackParts):
         every = jnp.maximum(jnp.round(self.planner_period / tau), 1).astype(jnp.int32)
         due = tick % every == 0
         flat = jax.tree.map(lambda a: a.reshape(math.prod(shape), *a.shape[len(shape) :]), robots)
-        done = _over_robots(lambda one: cycle(self, one, due), flat)
+        done = _over_robots(lambda one: cycle(self, one, due, length), flat)
         command, state, view = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), done)
-        told = jnp.stack(jax.tree.leaves(command), axis=-1)
+        if length is not None:
+            command = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), command)
+        first = command if length is None else jax.tree.map(lambda a: a[0], command)
+        told = jnp.stack(jax.tree.leaves(first), axis=-1)
         sent = lax.dynamic_update_index_in_dim(memory.sent, told, tick + task.slots, 0)
         memory = Memory(
             memory.keys, state, view.path, view.has_path, seen, sent, memory.plans + due,

@@ -20,7 +20,7 @@ from qocjax.scenario import TIME_TOLERANCE
 __all__ = ["ACTUATIONS", "HOLDS", "Rules", "Schedule", "schedule", "split_deadline"]
 
 ACTUATIONS = ("deadline", "arrival", "instant")
-HOLDS = ("hold", "zero", "timeout", "decay")
+HOLDS = ("hold", "zero", "timeout", "decay", "buffer")
 
 
 @dataclass(frozen=True)
@@ -31,22 +31,52 @@ class Rules:
         actuation: `deadline` (a command takes effect at exactly t_p + Delta), `arrival` (at the first sampling instant
             at or after its arrival) or `instant` (at t_p).
         hold: What a missed loop does: `hold` (the previous command stays, ZOH), `zero` (the robot stops), `timeout`
-            (it stops once the age exceeds `hold_timeout`) or `decay` (the command fades with its age).
+            (it stops once the age exceeds `hold_timeout`), `decay` (the command fades with its age) or `buffer` (each
+            packet carries the next commands too: the newest packet's next one takes effect; see `qocjax.packets`).
         hold_timeout: For `timeout` (s).
         hold_decay: Time constant of `decay` (s).
+        plan_length: M, commands of a packet, for `buffer`; else None.
     """
 
     actuation: str = "deadline"
     hold: str = "hold"
     hold_timeout: float = 0.5
     hold_decay: float = 0.5
+    plan_length: int | None = None
 
     def __post_init__(self) -> None:
         _checks.choice("actuation", self.actuation, ACTUATIONS)
         _checks.choice("hold", self.hold, HOLDS)
+        self._check_plan()
         for name in ("hold_timeout", "hold_decay"):  # kept as Python floats, so that rules hash
             value = _checks.bounded(name, getattr(self, name), above=0, shape=())
             object.__setattr__(self, name, float(np.asarray(value)))
+
+    def check_single(self, why: str = "ROS's velocity messages carry one command") -> None:
+        """For what sends one command at a time: a node of ROS, what is advised for one, a plant that is no robot.
+
+        Args:
+            why: Why it does, for the message.
+
+        Raises:
+            ValueError: Commands are plans.
+        """
+        if self.hold == "buffer":
+            words = ", ".join(hold for hold in HOLDS if hold != "buffer")
+            raise ValueError(f"hold: got 'buffer', expected one of {words}: {why}")
+
+    def _check_plan(self) -> None:
+        if self.hold != "buffer":
+            if self.plan_length is not None:
+                raise ValueError(f"plan_length: got {self.plan_length!r} with hold {self.hold!r}, expected none: only "
+                                 "'buffer' reads it")  # fmt: skip
+            return
+        if self.plan_length is None:
+            raise ValueError("plan_length: got none with hold 'buffer', expected the number of commands in a packet")
+        object.__setattr__(self, "plan_length", _checks.count("plan_length", self.plan_length))
+        if self.actuation == "arrival":
+            raise ValueError("actuation: got 'arrival' with hold 'buffer', expected 'deadline' or 'instant', as a plan "
+                             "is made for one instant")  # fmt: skip
 
 
 @jax.tree_util.register_dataclass
@@ -139,7 +169,7 @@ def _gains(
     mid_tick: bool | Array,
 ) -> tuple[Array | None, Array | None]:
     """Factors on the command in force from t_p and, where commands take effect there, from t_p + rest on."""
-    if rules.hold == "hold":
+    if rules.hold in ("hold", "buffer"):  # the commands of a packet, its end included, are the tick's business
         return None, None
     tick = _ticks_like(source)
     if rules.hold == "zero":

@@ -151,10 +151,12 @@ def check_timing(loop_times: ArrayLike, tau: float, deadline: ArrayLike, rules: 
 
     Raises:
         TypeError: An argument is of another kind.
-        ValueError: Loop times are not [P, N], negative or NaN; tau is not positive, a deadline negative.
+        ValueError: Loop times are not [P, N], negative or NaN; tau is not positive, a deadline negative; the rules ask
+            for plans.
     """
     if not isinstance(rules, Rules):
         raise TypeError(f"rules: got {type(rules).__name__}, expected Rules")
+    rules.check_single("a plant's feedback makes one command")
     _checks.bounded("tau", tau, above=0.0, shape=())
     _checks.bounded("deadline", deadline, least=0.0)
     if np.ndim(loop_times) != 2 or 0 in np.shape(loop_times):

@@ -88,6 +88,6 @@ def _about(problem: Problem) -> dict[str, Any]:
     return {
         "Robots": str(scenario.num_robots),
         "Horizon": f"{scenario.horizon:g} s",
-        "Commands": f"{rules.actuation}, {rules.hold}",
+        "Commands": f"{rules.actuation}, {rules.hold}" + (f" of {rules.plan_length}" if rules.plan_length else ""),
         "Key": str(problem.key),
     }

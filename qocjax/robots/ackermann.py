@@ -36,6 +36,7 @@ class Ackermann(Robot):
     wheelbase: ArrayLike = 0.1155
     max_steering: ArrayLike = 0.5236
 
+    left_invariant = True
     motion_model = "Ackermann"
 
     @property

@@ -25,6 +25,7 @@ class Holonomic(Robot):
     control effort ∫ |v|² + omega² dt.
     """
 
+    left_invariant = True
     holonomic = True
     unread = ("omega_max", "gamma")
     motion_model = "Omni"

@@ -88,11 +88,13 @@ class Robot(ABC):
 
     Attributes:
         remembers: Whether its motion depends on the speed at which it drives; else it obeys commands at once.
+        left_invariant: Whether its motion, seen from its body, is the same from any pose (left-invariant on SE(2)).
         holonomic: Whether its commands have a speed to the left.
         unread: Values of a design that `steer` does not read.
         motion_model: Of Nav2's MPPI for this robot; None where there is none.
     """
 
+    left_invariant: ClassVar[bool] = False
     holonomic: ClassVar[bool] = False
     unread: ClassVar[tuple[str, ...]] = ()
     motion_model: ClassVar[str | None] = None

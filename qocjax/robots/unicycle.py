@@ -27,6 +27,7 @@ class Unicycle(Robot):
 
     acceleration: Acceleration | None = None
 
+    left_invariant = True
     motion_model = "DiffDrive"
 
     @property

@@ -79,6 +79,7 @@ class DeadlineGate:
         origin: int | None = None,
     ) -> None:  # fmt: skip
         _checks.choice("actuation", rules.actuation, ("deadline", "arrival"))
+        rules.check_single()
         names = {"deadline": deadline, "period": period, "jitter": jitter, "ahead": ahead}
         times = {name: nanoseconds(name, value) for name, value in names.items()}
         if times["period"] == 0 and rules.hold in ("zero", "decay"):

@@ -115,11 +115,14 @@ def advise(
         told: Called with the number of runs, each time some are done.
 
     Raises:
-        ValueError: An argument is out of range, hardly a loop completes by the longest deadline, or no design keeps
-            the collision share: the message names the one that comes closest.
+        ValueError: An argument is out of range, the rules ask for plans, which no robot of ROS takes, hardly a loop
+            completes by the longest deadline, or no design keeps the collision share: the message names the one that
+            comes closest.
     """
+    rules = rules or Rules()
+    rules.check_single()
     plan = plan_of(
-        scenario, network, current, bounds, rules=rules or Rules(), key=key, longest=longest_deadline,
+        scenario, network, current, bounds, rules=rules, key=key, longest=longest_deadline,
         limit=max_collision_share, how=how, taus=taus, effort=effort or Effort(), scale=scale, asked=asked or Asked(),
         controller=controller, told=told,
     )  # fmt: skip

@@ -57,6 +57,7 @@ def replay(
         rules.hold,
         hold_timeout=rules.hold_timeout,
         hold_decay=rules.hold_decay,
+        plan_length=rules.plan_length,
         controller=controller,
         key=jax.random.wrap_key_data(keys[0]),
     )

@@ -76,7 +76,8 @@ def replays(
     def one(design: Design, loop_times: jax.Array) -> Run:
         return simulate(
             placed, design, loop_times, rules.actuation, rules.hold, hold_timeout=rules.hold_timeout,
-            hold_decay=rules.hold_decay, controller=controller, key=jax.random.wrap_key_data(words),
+            hold_decay=rules.hold_decay, plan_length=rules.plan_length, controller=controller,
+            key=jax.random.wrap_key_data(words),
         )  # fmt: skip
 
     values = [design.values() for design in designs]
