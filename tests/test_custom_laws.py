@@ -227,6 +227,7 @@ def test_what_is_wrong_with_a_law_is_one_line(case: str, laws: Path) -> None:
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_a_law_from_outside_fills_packets(laws: Path) -> None:
     """Its plans are rolled as the surrogate law's are, which without repulsion it is."""
     plans = ("loop.hold=buffer", "loop.plan_length=4", "sweep.grids.kappa=[2]", "scenario.horizon=2")

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from cases import Case, GivenNetwork, a_case, assert_same_run
+from hydra import compose, initialize_config_dir
 
 from qocjax import Design, Run, Scenario, evaluate, simulate
 from qocjax.batch.gradient import gradient
+from qocjax.config import StudyConfig, conf_dir, load
+from qocjax.config.codesign import CodesignConfig
+from qocjax.config.show import ShowConfig
 from qocjax.controllers import Apf, Cbf
 from qocjax.navigation import MppiConfig, NavigationStack, Planner, open_floor
 from qocjax.network.schedule import Rules
@@ -217,3 +222,34 @@ def test_stack_refuses() -> None:
         with pytest.raises(ValueError, match=message):
             stack_of(**changes).check(SMALL, Design(tau=TAU, deadline=0.2), Rules(hold="buffer", plan_length=length))
     Apf().check(SMALL, Design(tau=TAU, deadline=0.2), Rules(hold="buffer", plan_length=99))
+
+
+def configured(command: str, model: type, *options: str) -> Any:
+    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        return load(model, compose(command, list(options)))
+
+
+def test_cell_and_demand_feel_the_packets() -> None:
+    """(M - 1) further commands of so many bytes; a network without sizes is the same."""
+    plans = ("loop.hold=buffer", "loop.plan_length=6", "loop.command_bytes=48")
+    for kind, size in (("cell", lambda n: n.downlink.message_bytes), ("dds", lambda n: n.downlink.payload)):
+        usual, more = (configured("show", ShowConfig, f"network={kind}", *each).build_network() for each in ((), plans))
+        assert size(more) == size(usual) + 5 * 48
+        assert more.uplink == usual.uplink
+    network = configured("show", ShowConfig, *plans).build_network()
+    assert network == configured("show", ShowConfig).build_network()
+    config = configured("codesign", CodesignConfig, *plans)
+    assert config.traffic.build(config.loop.plan_bytes).downlink_bytes == 150 + 5 * 48
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["loop.plan_length=5"], "plan_length: got 5 with hold 'hold'"),
+        (["loop.hold=buffer"], "plan_length: got none"),
+        (["loop.hold=buffer", "loop.plan_length=2", "loop.command_bytes=0"], "loop.command_bytes: got 0"),
+    ],
+)
+def test_loop_refuses(options: list[str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        configured("sweep", StudyConfig, *options, "network=cell").build_problem()

@@ -22,6 +22,8 @@ __all__ = ["PlanMaker", "follow", "plan_of", "rolled"]
 
 _At = tuple[Pose, Command | None, Command]  # poses, speeds and the command that follows
 
+_UNROLLED = 16  # laws of one turn of the loop: faster, and compiled in bounded time
+
 
 @runtime_checkable
 class PlanMaker(Protocol):
@@ -51,18 +53,21 @@ def rolled(controller: Controller, task: Task, memory: Any, sight: Sight, length
     """
     pose, speed = (sight.pose, sight.speed) if sight.begin is None else sight.begin
     sight = sight._replace(pose=pose, speed=speed)
-    memory, first, view = controller.command(task, memory, sight)
+    memory, first, view = lax.optimization_barrier(controller.command(task, memory, sight))
     tau = jnp.asarray(task.design.tau)
-
-    def step(at: _At, k: Array) -> tuple[_At, Command]:
-        pose, speed = follow(task, *at, tau)
-        seen = sight._replace(pose=pose, speed=speed, age=sight.age + k * tau)
-        _, command, _ = controller.command(task, memory, seen)
-        return (pose, speed, command), command
 
     if length == 1:
         return memory, jax.tree.map(lambda a: a[None], first), view
-    _, later = lax.scan(step, (pose, speed, first), jnp.arange(1, length).astype(sight.age.dtype))
+
+    # Each step is computed once, however often it is read.
+    def step(at: _At, k: Array) -> tuple[_At, Command]:
+        pose, speed = lax.optimization_barrier(follow(task, *at, tau))
+        seen = sight._replace(pose=pose, speed=speed, age=sight.age + k * tau)
+        command = lax.optimization_barrier(controller.command(task, memory, seen)[1])
+        return (pose, speed, command), command
+
+    steps = jnp.arange(1, length).astype(sight.age.dtype)
+    _, later = lax.scan(step, (pose, speed, first), steps, unroll=min(length - 1, _UNROLLED))
     return memory, jax.tree.map(lambda a, rest: jnp.concatenate([a[None], rest]), first, later), view
 
 
