@@ -88,7 +88,7 @@ ROBOT = _of(
 )  # fmt: skip
 LOOP = _of(
     "loop", Tunable("tau", "s", positive=True), Tunable("deadline", "s"), _fixed("hold_timeout", "s", positive=False),
-    _fixed("hold_decay", "s"),
+    _fixed("hold_decay", "s"), _count("plan_length"), _count("command_bytes"),
 )  # fmt: skip
 NETWORK = _of("network", _count("edge.workers"))
 

@@ -242,9 +242,28 @@ def test_cell_and_demand_feel_the_packets() -> None:
     assert config.traffic.build(config.loop.plan_bytes).downlink_bytes == 150 + 5 * 48
 
 
+def test_lengths_are_swept() -> None:
+    """Each is a set-up of its own, as is the size of a command; its messages are as long as it asks for."""
+    plans = ("loop.hold=buffer", "loop.plan_length=2", "network=cell", "sweep.deadline_ms=[200]")
+    swept = ("+sweep.grids.loop.plan_length=[1,4]", "+sweep.grids.loop.command_bytes=[16,48]")
+    config = configured("sweep", StudyConfig, *plans, *swept)
+    problem, usual = config.build_problem(), configured("sweep", StudyConfig, "network=cell").build_network()
+    assert problem.apart == ("loop.plan_length", "loop.command_bytes")
+    found = {values: (setup.rules.plan_length, setup.network.downlink.message_bytes - usual.downlink.message_bytes)
+             for values, setup in problem.setups.items()}  # fmt: skip
+    assert found == {(1.0, 16.0): (1, 0), (2.0, 16.0): (2, 16), (4.0, 16.0): (4, 48), (2.0, 48.0): (2, 48)}
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["+sweep.grids.loop.plan_length=[1,5]"], "loop.plan_length: got no number"),
+        (["+sweep.grids.loop.command_bytes=[16,48]"], "with loop.hold=hold, which does not read it, expected"),
+        (
+            ["loop.hold=buffer", "loop.plan_length=2", "network=paper", "+sweep.grids.loop.command_bytes=[16,48]"],
+            "with network=loop, which does not read it, expected network=cell or dds",
+        ),
+        (["loop.hold=buffer", "loop.plan_length=2", "+sweep.grids.loop.plan_length=[1.5]"], "got .*1.5.*, expected"),
         (["loop.plan_length=5"], "plan_length: got 5 with hold 'hold'"),
         (["loop.hold=buffer"], "plan_length: got none"),
         (["loop.hold=buffer", "loop.plan_length=2", "loop.command_bytes=0"], "loop.command_bytes: got 0"),
@@ -252,4 +271,4 @@ def test_cell_and_demand_feel_the_packets() -> None:
 )
 def test_loop_refuses(options: list[str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        configured("sweep", StudyConfig, *options, "network=cell").build_problem()
+        configured("sweep", StudyConfig, "network=cell", *options).build_problem()

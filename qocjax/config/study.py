@@ -107,6 +107,9 @@ class SweptConfig(SimulationConfig):
         readers = {
             "loop.hold_timeout": ("loop.hold", self.loop.hold, ("timeout",)),
             "loop.hold_decay": ("loop.hold", self.loop.hold, ("decay",)),
+            "loop.plan_length": ("loop.hold", self.loop.hold, ("buffer",)),
+            "loop.command_bytes": ("loop.hold", self.loop.hold, ("buffer",)) if self.loop.hold != "buffer" else
+                                  ("network", self.network.kind, ("cell", "dds")),
             "network.edge.workers": ("network.edge.discipline", (edge and edge.discipline) or self.usual_discipline,
                                      ("skip", "latest", "fifo")),
         }  # fmt: skip
