@@ -9,7 +9,7 @@ bursts of 0.2 s. All ways share their seeds, so differences are paired. The dead
 own (the largest QoC among those whose collisions keep the limit; of all where none does), and judged on fresh ones.
 Writes experiments/results/plans.csv (every deadline, fresh seeds), plans_best.csv and the figure beside them; three
 minutes on two cores. With `stack` the navigation stack in the hall, at 20 Hz behind the same bursts: plans_stack.csv
-and plans_stack_best.csv, half an hour.
+and plans_stack_best.csv, five minutes.
 """
 
 from __future__ import annotations
