@@ -171,26 +171,28 @@ def test_barrier_makes_plans_too() -> None:
     assert np.all(np.asarray(run.report["squeezed"]) <= TICKS) and run.path_length.min() > 0.1
 
 
-def stack_of(**changes: object) -> NavigationStack:
-    mppi = MppiConfig(batch_size=16, time_steps=12, model_dt=0.15, wz_max=1.4)
+def stack_of(motion_model: str = "DiffDrive", **changes: object) -> NavigationStack:
+    mppi = MppiConfig(batch_size=16, time_steps=12, model_dt=0.15, wz_max=1.4, motion_model=motion_model)
     return NavigationStack(
         open_floor(SMALL, resolution=0.2), planner=Planner(tolerance=0.5), mppi=mppi, **{"predict": True} | changes
     )  # fmt: skip
 
 
 @pytest.mark.slow
-def test_stack_sends_the_sequence_of_its_local_controller() -> None:
+@pytest.mark.parametrize("robot", [Unicycle(), Holonomic()], ids=lambda each: type(each).__name__)
+def test_stack_sends_the_sequence_of_its_local_controller(robot: Robot) -> None:
     """The first command is that of single ones; a gap is bridged by the sequence, linear between its steps."""
-    design, times = Design(tau=TAU, deadline=0.2), np.zeros((TICKS, 2))
-    single = simulate(SMALL, design, times, controller=stack_of())
-    packets = simulate(SMALL, design, times, hold="buffer", plan_length=4, controller=stack_of())
+    design, times, stack = Design(tau=TAU, deadline=0.2), np.zeros((TICKS, 2)), stack_of(str(robot.motion_model))
+    scenario = replace(SMALL, robot=robot)
+    single = simulate(scenario, design, times, controller=stack)
+    packets = simulate(scenario, design, times, hold="buffer", plan_length=4, controller=stack)
     np.testing.assert_allclose(packets.command, single.command, rtol=1e-9, atol=1e-12)
     times[8:11] = np.inf  # no command takes effect at ticks 10 to 12: those of the loop of tick 7
-    gap = simulate(SMALL, design, times, hold="buffer", plan_length=4, controller=stack_of())
+    gap = simulate(scenario, design, times, hold="buffer", plan_length=4, controller=stack)
     state = jax.tree.map(lambda a: np.asarray(a)[8], gap.view.state)  # left by the cycle of tick 7
     for k in range(4):
         for i in range(2):
-            wanted = [np.interp(k * TAU / 0.15, np.arange(12), each[i]) for each in (state.vx, state.wz)]
+            wanted = [np.interp(k * TAU / 0.15, np.arange(12), each[i]) for each in jax.tree.leaves(state.sequence)]
             np.testing.assert_allclose(gap.command[9 + k, i], wanted, rtol=1e-9, atol=1e-12)
 
 

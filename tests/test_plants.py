@@ -217,6 +217,10 @@ def test_wrong_plant_is_refused(change: dict, message: str) -> None:
         ({"loop_times": np.full((3, 1), -1.0)}, "loop_times: got NaN or a negative time"),
         ({"tau": 0.0}, "tau: got 0.0, expected > 0"),
         ({"deadline": -1.0}, "deadline: got -1.0, expected >= 0"),
+        (
+            {"rules": Rules(hold="buffer", plan_length=3)},
+            "hold: got 'buffer', .*: a plant's feedback makes one command",
+        ),
         ({"start": [1.0]}, r"start: got shape \(1,\), expected \(2,\) or \(1, 2\)"),
     ],
 )
