@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from qocjax import Acceleration, Design, Scenario, Unicycle, evaluate, paper_network
-from qocjax.study.statistics import estimate, share
+from qocjax.statistics.estimates import estimate, share
 
 RESULTS = Path(__file__).parent / "results"
 SEEDS = range(256)

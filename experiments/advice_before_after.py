@@ -18,11 +18,11 @@ from advise_all import DATA, RESULTS, cases
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design, QocScale
+from qocjax.advice.stress import on_network, worse
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
-from qocjax.study.objective import Objective
-from qocjax.study.search import stacked
-from qocjax.study.stress import on_network, worse
+from qocjax.search import stacked
+from qocjax.search.objective import Objective
 
 SEEDS = range(100_000, 100_512)
 BEFORE = RESULTS.parent / "advice_before.csv"

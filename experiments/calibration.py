@@ -27,7 +27,7 @@ from qocjax.config.validate import StackConfig, ValidateConfig
 from qocjax.figures.save import save
 from qocjax.figures.validation import calibration_figure
 from qocjax.store import provenance, write_json
-from qocjax.study.validation import Curve, Fit, Judged, Setting, fit, judge_gains, simulated_curve
+from qocjax.validation import Curve, Fit, Judged, Setting, fit, judge_gains, simulated_curve
 
 RESULTS = Path(__file__).resolve().parent / "results"
 RUNS = RESULTS / "calibration_runs"

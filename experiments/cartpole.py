@@ -27,7 +27,7 @@ from qocjax import Rules
 from qocjax.figures.save import save
 from qocjax.figures.style import DOUBLE_COLUMN, OKABE_ITO, paper_style
 from qocjax.plants import CartPole, cleave_cart_pole, simulate_cart_pole
-from qocjax.study.statistics import share
+from qocjax.statistics.estimates import share
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("QOCJAX_DATA", ROOT / ".." / "shared" / "data")) / "cleave-wifi-loop"

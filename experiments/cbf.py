@@ -26,7 +26,7 @@ from qocjax.figures.save import save
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, paper_style
 from qocjax.network import Network
 from qocjax.quality import qoc
-from qocjax.study.statistics import estimate, paired, share
+from qocjax.statistics.estimates import estimate, paired, share
 
 RESULTS = Path(__file__).parent / "results"
 CHOOSING, FRESH = range(128), range(1000, 1256)

@@ -21,9 +21,9 @@ from qocjax import Design, Scenario, paper_network
 from qocjax._xla import request_whole_loop
 from qocjax.figures.gradients import gradient_errors
 from qocjax.figures.save import save
-from qocjax.study.objective import Objective, pilot_scale
-from qocjax.study.statistics import standard_error
-from qocjax.study.tuning import ESTIMATORS, Bounds, Problem
+from qocjax.search.objective import Objective, pilot_scale
+from qocjax.statistics.estimates import standard_error
+from qocjax.tuning import ESTIMATORS, Bounds, Problem
 
 RESULTS = Path(__file__).resolve().parent / "results"
 DEADLINES = (0.1, 0.2, 0.4)  # s

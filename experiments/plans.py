@@ -37,9 +37,9 @@ from qocjax.config.show import ShowConfig
 from qocjax.figures.save import save
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, paper_style
 from qocjax.quality import QocScale
-from qocjax.study.objective import Objective
-from qocjax.study.scores import Scores
-from qocjax.study.statistics import share
+from qocjax.search.objective import Objective
+from qocjax.statistics.estimates import share
+from qocjax.statistics.scores import Scores
 
 RESULTS = Path(__file__).resolve().parent / "results"
 DATA = Path(os.environ.get("QOCJAX_DATA", Path(__file__).resolve().parents[1] / ".." / "shared" / "data")).resolve()

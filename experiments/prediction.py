@@ -26,8 +26,8 @@ from qocjax.config.show import ShowConfig
 from qocjax.config.simulation import SimulationConfig
 from qocjax.figures.prediction import prediction_gain
 from qocjax.figures.save import save
+from qocjax.statistics.estimates import estimate, paired
 from qocjax.store import provenance, write_json
-from qocjax.study.statistics import estimate, paired
 
 RESULTS = Path(__file__).resolve().parent / "results"
 SCENARIOS = ("hall", "crossing")

@@ -21,12 +21,12 @@ from qocjax.figures.qos import win_map
 from qocjax.figures.save import save
 from qocjax.network import Constant, IndependentLoss, ShiftedGamma, TruncatedNormal
 from qocjax.network.dds import DdsNetwork, Topic
+from qocjax.statistics.estimates import estimate, paired
 from qocjax.store import write_json
 from qocjax.store.provenance import provenance
-from qocjax.study.qos import QosStudy, qos_study
-from qocjax.study.statistics import estimate, paired
 from qocjax.study.sweep import qoc_by_seed
-from qocjax.study.transport import run_transport, transport_row
+from qocjax.transport.qos import QosStudy, qos_study
+from qocjax.transport.transport import run_transport, transport_row
 
 RESULTS = Path(__file__).resolve().parent / "results"
 EFFORT, DEPTH_1, DEPTH_10 = "BEST_EFFORT", "RELIABLE, depth 1", "RELIABLE, depth 10"

@@ -17,7 +17,7 @@ from hydra import compose, initialize_config_dir
 from qocjax._xla import request_whole_loop
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.scale import yardstick
-from qocjax.study.scales import scale_of_runs
+from qocjax.statistics.scales import scale_of_runs
 
 FIRST_SEED = 1_000_000  # far from the seeds of the studies
 

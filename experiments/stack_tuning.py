@@ -21,9 +21,9 @@ from qocjax import Design
 from qocjax.codesign import problem_of
 from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
-from qocjax.study.search import FIRST, Problem, find
-from qocjax.study.sensitivity import elasticities
-from qocjax.study.statistics import share
+from qocjax.search import FIRST, Problem, find
+from qocjax.search.sensitivity import elasticities
+from qocjax.statistics.estimates import share
 
 RESULTS = Path(__file__).parent / "results"
 SCENES = ("hall", "doorway")

@@ -22,10 +22,10 @@ from qocjax.config.tune import TuneConfig
 from qocjax.figures.save import save
 from qocjax.figures.tuning import tuning_map
 from qocjax.scenario import Design
-from qocjax.study.objective import Objective, pilot_scale
-from qocjax.study.statistics import estimate, paired
-from qocjax.study.tuning import Tuning, tune
+from qocjax.search.objective import Objective, pilot_scale
+from qocjax.statistics.estimates import estimate, paired
 from qocjax.tune import landscape
+from qocjax.tuning import Tuning, tune
 
 RESULTS = Path(__file__).resolve().parent / "results"
 DEADLINES = np.array([0.1, 0.2, 0.4])  # s

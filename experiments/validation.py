@@ -20,8 +20,8 @@ from qocjax._xla import request_whole_loop
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
 from qocjax.study.reliability import load_of
-from qocjax.study.validation import Validation, compare
 from qocjax.validate import report, run
+from qocjax.validation import Validation, compare
 
 RESULTS = Path(__file__).resolve().parent / "results"
 OPTIONS = ["validation.delay_ms=[80,100,120,140,160,200,250,350,500,650,800]"]

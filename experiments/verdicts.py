@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from qocjax.study.statistics import Estimate, estimate
+from qocjax.statistics.estimates import Estimate, estimate
 
 
 class Unit(NamedTuple):

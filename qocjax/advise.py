@@ -16,6 +16,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from qocjax import _checks
 from qocjax._command import command, given_options, output_dir
+from qocjax.advice.advice import Advice, advise, plain
+from qocjax.advice.slack import Slack
 from qocjax.advice_page import page
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.part import load
@@ -27,8 +29,6 @@ from qocjax.nav2 import nav2_text
 from qocjax.recorded.text import run_lines
 from qocjax.robot_seen import RobotSeen, limits_values, robot_seen
 from qocjax.store import provenance, write_config, write_table, write_text
-from qocjax.study.advice import Advice, advise, plain
-from qocjax.study.slack import Slack
 
 __all__ = ["advice_values", "main", "page", "run"]
 

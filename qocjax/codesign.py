@@ -21,17 +21,17 @@ from qocjax.figures.codesign import draw_codesign
 from qocjax.figures.quantities import short_name
 from qocjax.quality import QocScale
 from qocjax.scenario import Design
+from qocjax.search import FIRST, METHODS, Contest, Problem, compete
+from qocjax.search.limits import DEMANDS
+from qocjax.search.objective import Objective, pilot_scale
+from qocjax.search.pareto import demand_front, worker_front
+from qocjax.statistics.scales import scale_text
+from qocjax.statistics.units import trace_remark
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.capacity import at_once_text
 from qocjax.study.edges import bounds_text
 from qocjax.study.grid import Grid
-from qocjax.study.objective import Objective, pilot_scale
-from qocjax.study.pareto import demand_front, worker_front
 from qocjax.study.reliability import load_of
-from qocjax.study.scales import scale_text
-from qocjax.study.search import FIRST, METHODS, Contest, Problem, compete
-from qocjax.study.search.limits import DEMANDS
-from qocjax.study.units import trace_remark
 
 __all__ = ["Codesign", "main", "problem_of", "run", "summary"]
 

@@ -18,11 +18,11 @@ from qocjax.config.part import load
 from qocjax.figures.compared import compared
 from qocjax.figures.save import save
 from qocjax.report import write_comparison_report
+from qocjax.statistics.scales import scale_text
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study import open_study
 from qocjax.study.comparison import Comparison, compare
 from qocjax.study.grid import value_words
-from qocjax.study.scales import scale_text
 from qocjax.sweep_page import collisions_text
 
 __all__ = ["as_options", "comparison_text", "main", "run"]

@@ -20,15 +20,8 @@ from qocjax.config import load
 from qocjax.config.fleet import FleetConfig
 from qocjax.config.study import FREE
 from qocjax.figures.fleet import draw_fleet
-from qocjax.quality import QocScale
-from qocjax.report.fleet import write_fleet_report
-from qocjax.store import provenance, write_config, write_json, write_table
-from qocjax.store.study_folder import RECORD, study_folder
-from qocjax.study.capacity import overload_texts
-from qocjax.study.chunks import Engine
-from qocjax.study.engine import LocalEngine
-from qocjax.study.fleet import Asked, Point, point_of
-from qocjax.study.fleet.tables import (
+from qocjax.fleets import Asked, Point, point_of
+from qocjax.fleets.tables import (
     FleetStudy,
     answers,
     find_limit,
@@ -37,9 +30,16 @@ from qocjax.study.fleet.tables import (
     points_table,
     steps_table,
 )
+from qocjax.quality import QocScale
+from qocjax.report.fleet import write_fleet_report
+from qocjax.statistics.scales import scale_text
+from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store.study_folder import RECORD, study_folder
+from qocjax.study.capacity import overload_texts
+from qocjax.study.chunks import Engine
+from qocjax.study.engine import LocalEngine
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of, share_text
-from qocjax.study.scales import scale_text
 from qocjax.study.sweep import Study, study_of
 
 __all__ = ["fleet_text", "main", "run"]

@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from qocjax._command import command, output_dir
+from qocjax.advice.advice import plain
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.part import load
 from qocjax.figures.recorded import draw_recorded
@@ -26,9 +27,8 @@ from qocjax.recorded.tables import (
 )
 from qocjax.recorded.text import run_lines
 from qocjax.robot_seen import limits_values
+from qocjax.statistics.run_groups import group_table
 from qocjax.store import provenance, write_config, write_json, write_table, write_text
-from qocjax.study.advice import plain
-from qocjax.study.run_groups import group_table
 
 __all__ = ["Ingested", "main", "report", "run"]
 

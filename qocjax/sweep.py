@@ -23,6 +23,7 @@ from qocjax.navigation import StaticMap
 from qocjax.report import study_page, write_study_report
 from qocjax.scenario import Design
 from qocjax.simulate import Run
+from qocjax.statistics.units import units_in
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.store.files import digest_of
 from qocjax.store.provenance import change_of
@@ -39,7 +40,6 @@ from qocjax.study.reliability import load_of
 from qocjax.study.replays import policy_runs
 from qocjax.study.sweep import study_of
 from qocjax.study.table import column_units, sound
-from qocjax.study.units import units_in
 from qocjax.sweep_page import page
 
 __all__ = ["main", "run"]

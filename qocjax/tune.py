@@ -16,13 +16,13 @@ from qocjax.config.scale import yardstick
 from qocjax.config.tune import TuneConfig
 from qocjax.figures.save import save
 from qocjax.figures.tuning import tuning_map, tuning_progress
+from qocjax.search.objective import Objective, pilot_scale
+from qocjax.statistics.scales import scale_text
+from qocjax.statistics.units import trace_remark
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.edges import bounds_text
-from qocjax.study.objective import Objective, pilot_scale
 from qocjax.study.reliability import share_text
-from qocjax.study.scales import scale_text
-from qocjax.study.tuning import Slopes, Tuning, tune
-from qocjax.study.units import trace_remark
+from qocjax.tuning import Slopes, Tuning, tune
 
 __all__ = ["design_text", "landscape", "main", "run"]
 

@@ -21,10 +21,10 @@ from qocjax.figures.validation import calibration_figure, validation_figure
 from qocjax.network.interface import Network
 from qocjax.recorded import find_runs, read_run
 from qocjax.scenario import num_ticks
+from qocjax.statistics.units import trace_remark
 from qocjax.store import provenance, write_config, write_json, write_table
 from qocjax.study.reliability import load_of
-from qocjax.study.units import trace_remark
-from qocjax.study.validation import (
+from qocjax.validation import (
     Curve,
     Fit,
     Judged,

@@ -7,7 +7,7 @@ import pandas as pd
 
 from qocjax._command import printed_unit
 from qocjax.study.edges import bounds_text
-from qocjax.study.validation import Curve, Fit, Judged, Validation
+from qocjax.validation import Curve, Fit, Judged, Validation
 
 __all__ = ["page"]
 

@@ -17,6 +17,13 @@ from hydra import compose, initialize_config_dir
 from matplotlib.figure import Figure
 
 from qocjax import Design, QocScale, Rules, paper_network
+from qocjax.advice.advice import Advice, plain
+from qocjax.advice.character import candidate_deadlines, characterise, quantiles
+from qocjax.advice.margins import Margin
+from qocjax.advice.reaching import Bound
+from qocjax.advice.shortlist import Effort, shortlist
+from qocjax.advice.target import Target
+from qocjax.advice.verdict import answer_of
 from qocjax.advise import advice_values, page, run
 from qocjax.advise import run as advise_run
 from qocjax.codesign import run as codesign_run
@@ -27,15 +34,8 @@ from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
 from qocjax.network import Edge, GilbertElliott, Leg, Load, LoopNetwork, Trace, TruncatedNormal, with_edge
-from qocjax.study.advice import Advice, plain
-from qocjax.study.character import candidate_deadlines, characterise, quantiles
-from qocjax.study.margins import Margin
-from qocjax.study.reaching import Bound
-from qocjax.study.sensitivity import Box
-from qocjax.study.shortlist import Effort, shortlist
-from qocjax.study.statistics import Estimate
-from qocjax.study.target import Target
-from qocjax.study.verdict import answer_of
+from qocjax.search.sensitivity import Box
+from qocjax.statistics.estimates import Estimate
 
 LATE = Design(tau=0.1, deadline=0.7)
 LOAD = Load(40, 2, 0.1)

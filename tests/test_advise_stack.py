@@ -12,17 +12,17 @@ import yaml
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design, Scenario, paper_network
+from qocjax.advice.assumptions import _alternatives
+from qocjax.advice.plan import plan_of
+from qocjax.advice.shortlist import Effort
+from qocjax.advice.slack import Asked
 from qocjax.advise import page, run
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
 from qocjax.navigation import NavigationStack, open_floor
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
-from qocjax.study.advice_plan import plan_of
-from qocjax.study.assumptions import _alternatives
-from qocjax.study.objective import Objective
-from qocjax.study.shortlist import Effort
-from qocjax.study.slack import Asked
+from qocjax.search.objective import Objective
 
 TINY = [
     "controller.mppi.batch_size=40", "controller.mppi.time_steps=12", "controller.mppi.model_dt=0.1", "loop.tau=0.1",

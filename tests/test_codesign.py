@@ -22,10 +22,7 @@ from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.codesign import qoc_against_demand, search_curves
 from qocjax.network import Constant, Edge, LoopNetwork, Reliability, with_edge
 from qocjax.network.demand import Demand, Traffic
-from qocjax.study.objective import Objective
-from qocjax.study.pareto import demand_front, on_front, worker_front
-from qocjax.study.scores import Scores
-from qocjax.study.search import (
+from qocjax.search import (
     METHODS,
     BudgetSpentError,
     Limits,
@@ -38,8 +35,11 @@ from qocjax.study.search import (
     policy_designs,
     tie_set,
 )
-from qocjax.study.search.ascent import ascent_from, clipped_mean
-from qocjax.study.search.halving import sobol_halving
+from qocjax.search.ascent import ascent_from, clipped_mean
+from qocjax.search.halving import sobol_halving
+from qocjax.search.objective import Objective
+from qocjax.search.pareto import demand_front, on_front, worker_front
+from qocjax.statistics.scores import Scores
 
 BOUNDS = {"eta": (0.0, 2.0), "kappa": (0.25, 8.0), "gamma": (0.5, 8.0)}
 TAUS = (0.01, 0.02, 0.05, 0.1)

@@ -23,9 +23,9 @@ from qocjax.compare import as_options, comparison_text, run
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.compare import CompareConfig
 from qocjax.figures.compared import compared
+from qocjax.statistics.estimates import unpaired
 from qocjax.store import write_config
 from qocjax.study.comparison import compare
-from qocjax.study.statistics import unpaired
 from qocjax.sweep import run as run_sweep
 
 SMALL = [

@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_dir
 from logs import LOGS
 
 from qocjax import QocScale, Rules
+from qocjax.advice.stress import worse
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.study import StudyConfig
@@ -28,9 +29,8 @@ from qocjax.network import (
     with_edge,
 )
 from qocjax.network.stressed import Stressed, with_lost_twice, with_slow_compute
-from qocjax.study.objective import Objective
-from qocjax.study.stress import worse
-from qocjax.study.units import trace_remark, units_of
+from qocjax.search.objective import Objective
+from qocjax.statistics.units import trace_remark, units_of
 
 ALONE = ["irtt", "ping", "fping", "sockperf", "performance_test", "DelayReplayer with times", "CICV5G", "loop times"]
 WHOLE = ["EdgeDroid", "CLEAVE", "CARET"]

@@ -30,7 +30,7 @@ from qocjax.network.dds import TIMERS, DdsNetwork, Profile, Topic, loop_statisti
 from qocjax.network.dds.delivery import best_effort, in_sequence, missed_periods, queued
 from qocjax.network.dds.statistics import command_ages, miss_runs
 from qocjax.network.dds.transport import TopicDraws, carry, draw_topics
-from qocjax.study.transport import Sent, run_transport
+from qocjax.transport.transport import Sent, run_transport
 
 MILD = ShiftedGamma(0.0, (10 / 3) ** 2, 0.01 * 0.3**2)  # mean 10 ms, standard deviation 3 ms
 WILD = ShiftedGamma(0.0, (20 / 12) ** 2, 0.02 * 0.6**2)  # mean 20 ms, standard deviation 12 ms

@@ -20,9 +20,9 @@ from qocjax.navigation import NavigationStack, open_floor
 from qocjax.navigation.varied import value_at, varied
 from qocjax.report.planes import best_chart, plane_chart
 from qocjax.simulate import simulate
+from qocjax.statistics.units import joined
 from qocjax.study.chunks import Part, plan
 from qocjax.study.grid import full_grid
-from qocjax.study.units import joined
 from qocjax.sweep import run
 from qocjax.sweep_page import policy_text
 from qocjax.tunables import APF, CBF, LOOP, NAVIGATION, NETWORK, ROBOT, design_name

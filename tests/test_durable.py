@@ -34,6 +34,8 @@ from qocjax import (
 )
 from qocjax import sweep as command
 from qocjax.config import StudyConfig, build_problem, conf_dir, load
+from qocjax.statistics.order import scale_of
+from qocjax.statistics.scales import scale_of_runs
 from qocjax.store.checked import read_array, read_checked, write_checked
 from qocjax.store.files import written
 from qocjax.store.identity import content_digest, differences
@@ -43,9 +45,7 @@ from qocjax.store.provenance import change_of
 from qocjax.store.study_folder import ChunkFolder, study_folder
 from qocjax.study.chunks import Chunk, Failure, Part, Result, compute, plan
 from qocjax.study.engine import LocalEngine
-from qocjax.study.order import scale_of
 from qocjax.study.problem import Problem
-from qocjax.study.scales import scale_of_runs
 from qocjax.study.sweep import study_of
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=2.0)

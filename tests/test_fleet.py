@@ -25,10 +25,8 @@ from qocjax.figures.fleet import draw_fleet, fleet_figure
 from qocjax.figures.fleet_loops import completion_figure, steps_figure
 from qocjax.figures.fleet_maps import maps_figure
 from qocjax.fleet import fleet_text, run
-from qocjax.quality import QocScale
-from qocjax.study.engine import LocalEngine
-from qocjax.study.fleet import Asked, Crossing, Layout, Point, crossing, largest_fleet
-from qocjax.study.fleet.tables import (
+from qocjax.fleets import Asked, Crossing, Layout, Point, crossing, largest_fleet
+from qocjax.fleets.tables import (
     FleetStudy,
     answers,
     find_limit,
@@ -37,8 +35,10 @@ from qocjax.study.fleet.tables import (
     points_table,
     steps_table,
 )
+from qocjax.quality import QocScale
+from qocjax.statistics.estimates import share
+from qocjax.study.engine import LocalEngine
 from qocjax.study.reliability import reliability_of
-from qocjax.study.statistics import share
 
 ROOT = Path(__file__).parents[1]
 SMALL = [

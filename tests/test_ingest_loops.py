@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from qocjax.advice.character import quantiles
 from qocjax.network import Load, Trace, read_trace
 from qocjax.recorded import ClockRules, LoopTrace, Rules, RunFiles, StampsFormat, TopicPatterns, read_run
 from qocjax.recorded.clocks import lower_envelope, steps, two_way_clock
 from qocjax.recorded.run import RecordedRun
 from qocjax.recorded.tables import percentile
-from qocjax.study.character import quantiles
 
 NONE = TopicPatterns((), ())
 PERIOD, LOOPS, EPOCH = 0.05, 4000, 1.7e9

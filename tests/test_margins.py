@@ -11,6 +11,12 @@ import xarray as xr
 from scipy import special
 
 from qocjax import Design, QocScale, Rules, Scenario, paper_network
+from qocjax.advice.margins import deadline_margin
+from qocjax.advice.plane import Plane, delay_reliability_plane, largest_delay, smallest_reliability
+from qocjax.advice.reaching import reach
+from qocjax.advice.slack import Asked, find_slack
+from qocjax.advice.stress import GROWTHS, largest_growth, stress_table
+from qocjax.advice.target import Target, collision_excess
 from qocjax.network import (
     Constant,
     Edge,
@@ -24,16 +30,10 @@ from qocjax.network import (
     with_edge,
 )
 from qocjax.network.stressed import Stressed
-from qocjax.study.margins import deadline_margin
-from qocjax.study.objective import Objective
-from qocjax.study.plane import Plane, delay_reliability_plane, largest_delay, smallest_reliability
-from qocjax.study.reaching import reach
-from qocjax.study.scores import Scores
-from qocjax.study.sensitivity import Box, elasticities, sobol
-from qocjax.study.slack import Asked, find_slack
-from qocjax.study.statistics import share
-from qocjax.study.stress import GROWTHS, largest_growth, stress_table
-from qocjax.study.target import Target, collision_excess
+from qocjax.search.objective import Objective
+from qocjax.search.sensitivity import Box, elasticities, sobol
+from qocjax.statistics.estimates import share
+from qocjax.statistics.scores import Scores
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1, deadline=0.3)

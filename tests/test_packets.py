@@ -14,6 +14,7 @@ from cases import Case, GivenNetwork, a_case, assert_same_run
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design, Run, Scenario, evaluate, simulate
+from qocjax.advice.advice import advise
 from qocjax.batch.gradient import gradient
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.codesign import CodesignConfig
@@ -23,7 +24,6 @@ from qocjax.navigation import MppiConfig, NavigationStack, Planner, open_floor
 from qocjax.network.schedule import Rules
 from qocjax.robots import Acceleration, Ackermann, Holonomic, Robot, Unicycle
 from qocjax.ros import DeadlineGate
-from qocjax.study.advice import advise
 
 TAU, TICKS = 0.1, 20
 SMALL = Scenario(start=[[-0.4, -0.3, 0.3], [-0.4, 0.3, 0.0]], goal=[1.0, 0.1], horizon=TAU * TICKS,

@@ -23,9 +23,9 @@ from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, LoopN
 from qocjax.network.dds import DdsNetwork, Topic
 from qocjax.network.demand import Carrier
 from qocjax.qos import run, text
-from qocjax.study.qos import QosStudy, qos_study
-from qocjax.study.recorded import RecordedLoops, network_keys
-from qocjax.study.transport import Sent, bursty_loss, run_transport, traffic_row, transport_row
+from qocjax.statistics.recorded import RecordedLoops, network_keys
+from qocjax.transport.qos import QosStudy, qos_study
+from qocjax.transport.transport import Sent, bursty_loss, run_transport, traffic_row, transport_row
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=6.0)
 PROFILES = {"BEST_EFFORT": {"reliability": "best_effort"}, "RELIABLE": {"depth": 10}}

@@ -11,8 +11,8 @@ from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, evaluate, one_at_a_time, paper_network, run_study, simulate
 from qocjax.config.scale import given_scale, yardstick
-from qocjax.study.scales import measured_scale, scale_of_runs, scale_text, standing_still
-from qocjax.study.scores import Scored, Scores, seed_scores
+from qocjax.statistics.scales import measured_scale, scale_of_runs, scale_text, standing_still
+from qocjax.statistics.scores import Scored, Scores, seed_scores
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 

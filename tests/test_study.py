@@ -18,9 +18,9 @@ from qocjax.config.codesign import CodesignConfig
 from qocjax.config.study import StudyConfig
 from qocjax.config.tune import TuneConfig
 from qocjax.scenario import DESIGN
+from qocjax.statistics.scales import standing_still
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
-from qocjax.study.scales import standing_still
 from qocjax.study.sweep import qoc_by_seed, results_table
 from qocjax.sweep_page import policy_text
 

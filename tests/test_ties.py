@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from qocjax import Design, Scenario, one_at_a_time, paper_network, run_study
-from qocjax.study.statistics import paired
+from qocjax.statistics.estimates import paired
 from qocjax.study.sweep import Study, qoc_by_seed
 from qocjax.study.ties import tie_lines
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from qocjax import Design, QocScale, Scenario, paper_network
+from qocjax.advice.robust import _Bench
+from qocjax.advice.stress import stress_table
+from qocjax.advice.trace_parts import WORST_PART, worst_part, worst_stretch
 from qocjax.network import ComputedTrace, Constant, Edge, Trace
 from qocjax.network.edge_network import EdgeNetwork
-from qocjax.study.objective import Objective
-from qocjax.study.robust import _Bench
-from qocjax.study.scores import Scores
-from qocjax.study.search import stacked
-from qocjax.study.stress import stress_table
-from qocjax.study.trace_parts import WORST_PART, worst_part, worst_stretch
-from qocjax.study.units import judged_apart, rows_of_stretch, seeds_apart, seeds_in, units_of
+from qocjax.search import stacked
+from qocjax.search.objective import Objective
+from qocjax.statistics.scores import Scores
+from qocjax.statistics.units import judged_apart, rows_of_stretch, seeds_apart, seeds_in, units_of
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1, deadline=0.15)

@@ -21,8 +21,9 @@ from qocjax.config.tune import TuneConfig
 from qocjax.figures.gradients import gradient_errors
 from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.scenario import CONTINUOUS
-from qocjax.study.objective import Objective
-from qocjax.study.tuning import (
+from qocjax.search.objective import Objective
+from qocjax.tune import design_text, landscape, run
+from qocjax.tuning import (
     DEFAULT_BOUNDS,
     ESTIMATORS,
     Bounds,
@@ -37,8 +38,7 @@ from qocjax.study.tuning import (
     spread_starts,
     tune,
 )
-from qocjax.study.tuning.estimators import clipped, mean, median_of_means
-from qocjax.tune import design_text, landscape, run
+from qocjax.tuning.estimators import clipped, mean, median_of_means
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=3.0)
 BASE = Design(tau=0.1)

@@ -11,25 +11,25 @@ import pytest
 from scipy import stats
 
 from qocjax import Design, Scenario, evaluate, one_at_a_time, run_study
+from qocjax.advice.margins import deadline_margin
+from qocjax.advice.reaching import reach
 from qocjax.network import Trace, loop_times, paper_network
 from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.network.stressed import Stressed
 from qocjax.network.trace import replayed_trace
 from qocjax.quality import QocScale
-from qocjax.study.margins import deadline_margin
-from qocjax.study.objective import Objective
-from qocjax.study.reaching import reach
-from qocjax.study.recorded import network_keys
-from qocjax.study.scales import scale_of_runs, standing_still
-from qocjax.study.scores import Scores, seed_scores
-from qocjax.study.search import Limits, Problem, Space, judge
-from qocjax.study.statistics import estimate, paired, relative, resampled, share, standard_error
-from qocjax.study.tuning import Bounds
-from qocjax.study.tuning import judge as judge_tuned
-from qocjax.study.tuning.problem import Problem as TuningProblem
-from qocjax.study.units import seeds_apart, trace_remark, units_in, units_of
-from qocjax.study.validation.resample import resample
-from qocjax.study.validation.simulated import simulated_curve
+from qocjax.search import Limits, Problem, Space, judge
+from qocjax.search.objective import Objective
+from qocjax.statistics.estimates import estimate, paired, relative, resampled, share, standard_error
+from qocjax.statistics.recorded import network_keys
+from qocjax.statistics.scales import scale_of_runs, standing_still
+from qocjax.statistics.scores import Scores, seed_scores
+from qocjax.statistics.units import seeds_apart, trace_remark, units_in, units_of
+from qocjax.tuning import Bounds
+from qocjax.tuning import judge as judge_tuned
+from qocjax.tuning.problem import Problem as TuningProblem
+from qocjax.validation.resample import resample
+from qocjax.validation.simulated import simulated_curve
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 TAU = 0.05  # s

@@ -26,7 +26,8 @@ from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
 from qocjax.network.interface import exactly
 from qocjax.network.schedule import Rules
-from qocjax.study.validation import (
+from qocjax.validate import Outcome, report, run
+from qocjax.validation import (
     REGIMES,
     Curve,
     Grouping,
@@ -47,7 +48,6 @@ from qocjax.study.validation import (
     simulated_curve,
     spearman,
 )
-from qocjax.validate import Outcome, report, run
 
 ROOT = Path(__file__).parents[1]
 DELAYS = np.array([0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8])

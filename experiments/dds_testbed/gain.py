@@ -23,7 +23,7 @@ from experiments.dds_testbed.config import read_config
 from experiments.dds_testbed.plan import Plan
 from qocjax import QocScale, Scenario, simulate
 from qocjax.quality import qoc
-from qocjax.study.statistics import paired
+from qocjax.statistics.estimates import paired
 
 __all__ = ["gains", "main"]
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from qocjax._command import printed_unit
+from qocjax.advice.advice import Advice
 from qocjax.advice_page.words import GAINS, bound_text, collisions_text, ms, percent, with_ends
-from qocjax.study.advice import Advice
 from qocjax.study.edges import bounds_text
 
 __all__ = ["decision_lines", "present_lines"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from qocjax.advice.advice import Advice
+from qocjax.advice.stress import GROWTHS
 from qocjax.advice_page.words import bound_text, ms
-from qocjax.study.advice import Advice
-from qocjax.study.stress import GROWTHS
 
 __all__ = ["cliff_lines", "margin_lines", "sensitivity_lines", "slack_lines"]
 

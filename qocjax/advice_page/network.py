@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from qocjax.advice.advice import Advice, plain
 from qocjax.advice_page.words import ms
-from qocjax.study.advice import Advice, plain
 from qocjax.study.reliability import share_text
 
 __all__ = ["network_lines"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from qocjax.advice.advice import Advice
+from qocjax.advice.trace_parts import WORST_PART
 from qocjax.advice_page.words import GAINS, collisions_text, ms, with_ends
-from qocjax.study.advice import Advice
-from qocjax.study.trace_parts import WORST_PART
 
 __all__ = ["judged_table", "stress_lines", "tie_line"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from qocjax.study.reaching import Bound
+from qocjax.advice.reaching import Bound
 
 __all__ = ["GAINS", "bound_text", "collisions_text", "ms", "percent", "with_ends"]
 

@@ -6,6 +6,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 from qocjax import _checks
+from qocjax.advice.shortlist import Effort
+from qocjax.advice.slack import Asked
+from qocjax.advice.target import KINDS, Target
 from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
@@ -14,9 +17,6 @@ from qocjax.config.trace import TraceConfig
 from qocjax.network import Network
 from qocjax.quality import QocScale
 from qocjax.scenario import Design
-from qocjax.study.shortlist import Effort
-from qocjax.study.slack import Asked
-from qocjax.study.target import KINDS, Target
 
 __all__ = ["AdviseConfig"]
 

@@ -9,7 +9,7 @@ from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
 from qocjax.config.study import SweptConfig
 from qocjax.network.demand import Carrier, Traffic
-from qocjax.study.search import Limits, Measure, Space
+from qocjax.search import Limits, Measure, Space
 
 __all__ = ["CodesignConfig"]
 

@@ -17,11 +17,11 @@ from qocjax.config.part import Part
 from qocjax.config.robot import RobotConfig
 from qocjax.config.simulation import LoopConfig, ReferenceConfig, ScenarioConfig
 from qocjax.config.study import FREE, StudyConfig
+from qocjax.fleets.layout import Layout
+from qocjax.fleets.limits import Asked
+from qocjax.fleets.point import BEST
 from qocjax.network.demand import BANDWIDTH_PARTS
 from qocjax.quality import QocScale
-from qocjax.study.fleet.layout import Layout
-from qocjax.study.fleet.limits import Asked
-from qocjax.study.fleet.point import BEST
 
 __all__ = ["FleetConfig"]
 

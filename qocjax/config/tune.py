@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import optax
 
-from qocjax import _checks
+from qocjax import _checks, tuning
 from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
@@ -15,9 +15,8 @@ from qocjax.config.simulation import SimulationConfig
 from qocjax.controllers import Controller
 from qocjax.quality import QocScale
 from qocjax.scenario import CONTINUOUS
-from qocjax.study import tuning
-from qocjax.study.tuning import Search, Smoothed, make_estimator
 from qocjax.tunables import design_name
+from qocjax.tuning import Search, Smoothed, make_estimator
 
 __all__ = ["TuneConfig"]
 

@@ -17,7 +17,7 @@ from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
 from qocjax.controllers import Controller
 from qocjax.scenario import Design
-from qocjax.study.validation import Curve, Grouping, curve_of_csv
+from qocjax.validation import Curve, Grouping, curve_of_csv
 
 __all__ = ["CsvConfig", "RecordedConfig", "Simulated", "StackConfig", "SurrogateConfig", "ValidateConfig"]
 

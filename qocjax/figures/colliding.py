@@ -10,7 +10,7 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from qocjax.figures.tables import grid
-from qocjax.study.statistics import clopper_pearson
+from qocjax.statistics.estimates import clopper_pearson
 
 __all__ = ["BREAKS", "HATCHES", "OPEN", "collision_cells", "hatch_cells", "hatch_patches"]
 

@@ -16,7 +16,7 @@ from qocjax.figures.fleet_maps import maps_figure
 from qocjax.figures.save import save
 from qocjax.figures.style import GREY, OKABE_ITO, POLICIES, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
-from qocjax.study.fleet.tables import FleetStudy
+from qocjax.fleets.tables import FleetStudy
 
 __all__ = ["draw_fleet", "fleet_figure"]
 

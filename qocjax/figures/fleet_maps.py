@@ -15,7 +15,7 @@ from matplotlib.patheffects import Normal, Stroke
 
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
-from qocjax.study.fleet.limits import Asked
+from qocjax.fleets.limits import Asked
 
 __all__ = ["maps_figure"]
 

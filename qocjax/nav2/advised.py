@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from qocjax.advice.advice import Advice
 from qocjax.nav2.document import Value
 from qocjax.nav2.known import DWB, MPPI, RPP, SHIM
 from qocjax.nav2.read import NavParams, Plugin
 from qocjax.nav2.write import Change
 from qocjax.network.schedule import Rules
-from qocjax.study.advice import Advice
 
 __all__ = ["Set", "advised", "horizon", "setting"]
 

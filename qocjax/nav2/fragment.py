@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from qocjax.advice.advice import Advice
 from qocjax.nav2.advised import Set, advised, setting
 from qocjax.nav2.document import Document, source_text
 from qocjax.nav2.known import MPPI
@@ -16,7 +17,6 @@ from qocjax.nav2.read import NavParams, params_of
 from qocjax.nav2.write import Change, decimal, merged
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.network.schedule import Rules
-from qocjax.study.advice import Advice
 
 __all__ = ["nav2_text"]
 

@@ -14,13 +14,13 @@ from qocjax.report.delays import Completion
 from qocjax.report.hall import hall_map
 from qocjax.report.replay import Replay
 from qocjax.report.study import StudyPage
+from qocjax.statistics.units import study_remark
 from qocjax.study.capacity import at_once_text, usual_load
 from qocjax.study.hanging import hanging_of
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
 from qocjax.study.sweep import Study
-from qocjax.study.units import study_remark
 
 __all__ = ["study_page"]
 

@@ -12,6 +12,7 @@ import pandas as pd
 from omegaconf import OmegaConf
 
 from qocjax.config.fleet import FleetConfig
+from qocjax.fleets.tables import FleetStudy, answers
 from qocjax.report.charts import legend_item, series_style
 from qocjax.report.fleet_charts import (
     LINES,
@@ -31,7 +32,6 @@ from qocjax.report.replay import replay_data
 from qocjax.report.stages import replay_html
 from qocjax.store import provenance
 from qocjax.study.capacity import at_once_text
-from qocjax.study.fleet.tables import FleetStudy, answers
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.sweep import Study

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from qocjax.fleets.tables import FleetStudy
 from qocjax.report.charts import axis, colour_style, layout, legend_item, series_uid
 from qocjax.report.html import escape, interval, number, percent, plus_minus
 from qocjax.report.labels import DEADLINE, RELIABILITY
-from qocjax.study.fleet.tables import FleetStudy
 from qocjax.study.reliability import share_text
 
 __all__ = [

@@ -6,10 +6,10 @@ from typing import Any
 
 import pandas as pd
 
+from qocjax.fleets.tables import FleetStudy
 from qocjax.report.charts import axis, colour_scale, layout
 from qocjax.report.fleet_charts import TEXT, state_text
 from qocjax.report.html import escape, interval, signed
-from qocjax.study.fleet.tables import FleetStudy
 
 __all__ = ["GIVEN", "map_chart", "steps_chart"]
 

@@ -1,10 +1,10 @@
 """What is asked of the closed loop: grids, policies, statistics."""
 
+from qocjax.statistics.estimates import Estimate, estimate, paired, standard_error
 from qocjax.study.grid import SWEPT, Grid, one_at_a_time
 from qocjax.study.opened import open_study
 from qocjax.study.policies import POLICIES
 from qocjax.study.replay import replay
-from qocjax.study.statistics import Estimate, estimate, paired, standard_error
 from qocjax.study.sweep import Study, run_study
 
 __all__ = [

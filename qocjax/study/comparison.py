@@ -11,14 +11,14 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
+from qocjax.statistics.estimates import Estimate, estimate, standard_error
+from qocjax.statistics.scales import StudyScale, measured_scale
+from qocjax.statistics.scores import Scored, Scores, seed_scores, unpaired_scores
+from qocjax.statistics.units import units_in
 from qocjax.study.chosen import design_of, place_of
 from qocjax.study.grid import axes_of
-from qocjax.study.scales import StudyScale, measured_scale
-from qocjax.study.scores import Scored, Scores, seed_scores, unpaired_scores
-from qocjax.study.statistics import Estimate, estimate, standard_error
 from qocjax.study.sweep import Study
 from qocjax.study.table import names_in
-from qocjax.study.units import units_in
 
 __all__ = ["Comparison", "compare"]
 

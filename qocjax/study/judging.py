@@ -10,12 +10,12 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
+from qocjax.statistics.estimates import estimate, share
+from qocjax.statistics.scores import Scores
 from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
 from qocjax.study.grid import axes_of
 from qocjax.study.parts import PartRuns
-from qocjax.study.scores import Scores
-from qocjax.study.statistics import estimate, share
 
 __all__ = ["judged_policies"]
 

@@ -13,12 +13,12 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
+from qocjax.statistics.units import with_units
 from qocjax.store.checked import read_array, read_checked
 from qocjax.store.files import digest_of
 from qocjax.store.gathered import Piece, gathered
 from qocjax.store.study_folder import CHUNKS, read_record
 from qocjax.study.sweep import Study
-from qocjax.study.units import with_units
 
 __all__ = ["open_study"]
 

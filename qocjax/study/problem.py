@@ -12,10 +12,10 @@ from qocjax.controllers import Controller
 from qocjax.network.interface import Network, Reliability
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario
+from qocjax.statistics.units import joined, units_of
 from qocjax.store.identity import content_digest
 from qocjax.store.sources import source_of
 from qocjax.study.reliability import reliability_of
-from qocjax.study.units import joined, units_of
 
 __all__ = ["Problem", "Setup"]
 

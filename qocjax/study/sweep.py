@@ -17,6 +17,8 @@ from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.quality import QocScale
 from qocjax.scenario import Scenario
+from qocjax.statistics.scales import LARGEST, largest_auc, measured_scale
+from qocjax.statistics.units import with_units
 from qocjax.store.memory import InMemory, Shelf
 from qocjax.study.choosing import picks, places_of
 from qocjax.study.chunks import CHUNK_STEPS, Engine, Part
@@ -26,10 +28,8 @@ from qocjax.study.judging import judged_policies
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, min_delay
 from qocjax.study.problem import Problem
-from qocjax.study.scales import LARGEST, largest_auc, measured_scale
 from qocjax.study.table import names_in, qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
-from qocjax.study.units import with_units
 
 __all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
 

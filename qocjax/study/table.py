@@ -11,9 +11,9 @@ import xarray as xr
 from qocjax.batch.evaluate import unit_of
 from qocjax.network.interface import Reliability
 from qocjax.quality import QocScale
+from qocjax.statistics.estimates import standard_error
+from qocjax.statistics.scores import seed_scores
 from qocjax.study.grid import Grid
-from qocjax.study.scores import seed_scores
-from qocjax.study.statistics import standard_error
 
 __all__ = ["names_in", "qoc_by_seed", "results_table", "sound", "column_units"]
 

@@ -10,9 +10,9 @@ import pandas as pd
 import xarray as xr
 
 from qocjax.quality import QocScale
+from qocjax.statistics.estimates import standard_error, student
 from qocjax.study.choosing import Pick
 from qocjax.study.grid import Grid, axes_of, value_words
-from qocjax.study.statistics import standard_error, student
 from qocjax.study.table import qoc_by_seed
 
 __all__ = ["tie_columns", "tie_lines"]

@@ -1,0 +1,1 @@
+"""Advice on a network: which design to set, how far it holds, and what it rests on."""

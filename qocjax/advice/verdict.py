@@ -1,0 +1,39 @@
+"""What is said of a design in a word: may it be recommended, may it stay, which policy does it amount to."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from qocjax.advice.margins import Margin
+
+__all__ = ["ANSWERS", "VERDICTS", "answer_of", "policy_of", "verdict_of"]
+
+VERDICTS = ("recommended", "not shown", "unsafe")
+"""Of a design: it keeps the limit on collisions; fresh seeds do not show that it does; they show that it does not."""
+
+ANSWERS = ("yes", "no: target", "no: collisions", "not shown")
+"""Whether what one has may stay."""
+
+
+def verdict_of(safe: bool, row: pd.Series, limit: float) -> str:
+    """Whether a choice that kept the limit keeps it on fresh seeds, even at the upper end of its collision share."""
+    if safe and row["collision_high"] <= limit:
+        return "recommended"
+    return "unsafe" if row["collision_low"] > limit else "not shown"
+
+
+def answer_of(row: pd.Series, margin: Margin, limit: float) -> str:
+    """Whether the current design may stay: within the margin of its target, and within the limit on collisions."""
+    if row["collision_low"] > limit:
+        return "no: collisions"
+    if not margin.holds(float(row["deadline"])):
+        return "no: target"
+    return "yes" if row["collision_high"] <= limit else "not shown"
+
+
+def policy_of(deadline: float, margin: Margin) -> str:
+    """Which policy a deadline amounts to: within the margin of its gains Co-design, before MinDelay, after MaxRel."""
+    low, high = margin.ends
+    if deadline < low * (1 - 1e-9):
+        return "MinDelay"
+    return "MaxRel" if deadline > high * (1 + 1e-9) else "Co-design"

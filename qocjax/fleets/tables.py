@@ -1,0 +1,182 @@
+"""What a fleet study found, as tables, and what follows from it in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from qocjax.fleets.limits import Asked, Crossing, crossing, largest_fleet
+from qocjax.fleets.point import Point
+from qocjax.quality import QocScale
+from qocjax.statistics.estimates import paired
+
+__all__ = ["FleetStudy", "answers", "map_table", "need_table", "points_table", "steps_table"]
+
+_SAME = 0.01  # of what there is: by less, use tells nothing of the fleet
+USES = ("uplink_usage", "edge_usage", "downlink_usage")
+
+
+@dataclass(frozen=True)
+class FleetStudy:
+    """What was found; scores are on fresh seeds."""
+
+    points: pd.DataFrame  # a row per fleet
+    completion: pd.DataFrame  # F over the deadline for each fleet
+    maps: dict[str, pd.DataFrame]  # by what is given: `prbs`, `workers`; a row per fleet and amount
+    needs: dict[str, pd.DataFrame]  # how much of it each fleet needs
+    steps: pd.DataFrame  # gain of one step of each, at one fleet
+    asked: Asked
+    largest: int | None  # fleet that keeps what is asked
+    limit: Crossing  # where QoC passes the target, between fleets
+    scale: QocScale
+
+
+def points_table(points: Sequence[Point]) -> pd.DataFrame:
+    """A row per fleet."""
+    return pd.DataFrame([point.row for point in points])
+
+
+def map_table(cells: Mapping[tuple[int, int], Point], given: str) -> pd.DataFrame:
+    """A row per fleet and amount of what it is given."""
+    return pd.DataFrame([{"robots": n, given: amount} | point.row for (n, amount), point in cells.items()])
+
+
+def need_table(cells: Mapping[tuple[int, int], Point], given: str, asked: Asked) -> pd.DataFrame:
+    """How much of something each fleet needs for the QoC that is asked, with its interval.
+
+    `need` is the least amount simulated that keeps all that is asked; `crossing` lies between amounts, where QoC alone
+    passes its target. Either is NaN where the axis does not hold it.
+    """
+    rows = []
+    for robots in dict.fromkeys(n for n, _ in cells):
+        amounts = [amount for n, amount in cells if n == robots]
+        here = [cells[robots, amount] for amount in amounts]
+        # QoC rises with what is given: from the other end it falls.
+        scores = [point.scores for point in here[::-1]]
+        found = crossing(1.0 / np.array(amounts[::-1], float), scores, asked.qoc, here[0].units)
+        ends = sorted(1.0 / each for each in (found.low, found.high) if each is not None)
+        kept = [a for a, p in zip(amounts, here, strict=True) if _keeps(p, asked)]
+        rows.append({
+            "robots": robots, "need": min(kept, default=np.nan),
+            "crossing": np.nan if found.value is None else 1.0 / found.value,
+            "crossing_low": ends[0] if found.high is not None and ends else np.nan,
+            "crossing_high": ends[-1] if found.low is not None and ends else np.nan,
+            "beyond": {"below": "more than the axis", "above": "less than the axis"}.get(found.beyond, ""),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def steps_table(base: Point, steps: Mapping[str, Point]) -> pd.DataFrame:
+    """Gain of each step over the base at the same number of robots, paired by seed; the largest first."""
+    rows = []
+    for name, point in steps.items():
+        gap = paired(point.scores, base.scores, units=point.units)
+        rows.append({
+            "step": name, "robots": base.robots, "gain": gap.mean, "gain_low": gap.low, "gain_high": gap.high,
+            "qoc": point.row["qoc"], "qoc_se": point.row["qoc_se"], "deadline": point.deadline,
+            "reliability": point.row["reliability"], "reliability_se": point.row["reliability_se"],
+            "collision_share": point.row["collision_share"],
+            **{use: point.row[use] for use in USES if use in point.row},
+        })  # fmt: skip
+    return pd.DataFrame(rows).sort_values("gain", ascending=False, ignore_index=True) if rows else pd.DataFrame()
+
+
+def find_limit(points: Sequence[Point], asked: Asked) -> tuple[int | None, Crossing]:
+    """The largest fleet that keeps what is asked, and where QoC passes its target."""
+    robots, scores = [point.robots for point in points], [point.scores for point in points]
+    return largest_fleet(points, asked), crossing(robots, scores, asked.qoc, points[0].units)
+
+
+def answers(study: FleetStudy) -> list[str]:
+    """What follows, a sentence or two each."""
+    return [_largest(study), *_admission(study), *_needs(study), *_first(study)]
+
+
+def _keeps(point: Point, asked: Asked) -> bool:
+    return bool(point.scores.mean() >= asked.qoc and point.collided.mean() <= asked.collision_share)
+
+
+def _largest(study: FleetStudy) -> str:
+    asked = (
+        f"QoC of at least {study.asked.qoc:.4f} and collisions in at most {study.asked.collision_share:.0%} of the runs"
+    )
+    if study.largest is None:
+        return f"No fleet that was simulated keeps a {asked}."
+    rows = study.points.set_index("robots")
+    row = rows.loc[study.largest]
+    text = f"{_robots(study.largest)} a {asked}: {row['qoc']:.4f} ± {row['qoc_se']:.4f}, {row['collision_share']:.0%}"
+    text += f" [{row['collision_low']:.0%}, {row['collision_high']:.0%}]."
+    more = [n for n in rows.index if n > study.largest]
+    if not more:
+        return text + " That is the largest fleet simulated."
+    following = rows.loc[more[0]]
+    why = "QoC" if following["qoc"] < study.asked.qoc else "collisions"
+    text += f" {more[0]} do not ({why}: {following['qoc']:.4f}, {following['collision_share']:.0%})."
+    if study.limit.value is not None and study.limit.value >= study.largest:
+        ends = f"[{_end(study.limit.low)}, {_end(study.limit.high)}]"
+        text += (
+            f" On straight lines between fleets, QoC passes the target at {study.limit.value:.3g} {ends} robots "
+            "(interval over seeds; where it truly falls, only fleets between those simulated would show)."
+        )
+    return text
+
+
+def _admission(study: FleetStudy) -> list[str]:
+    """When to admit one more, by what tells a full network from one that is not."""
+    if study.largest is None:
+        return []
+    rows = study.points.set_index("robots")
+    row, after = rows.loc[study.largest], rows[rows.index > study.largest]
+    admit = f"Admit a robot while there are fewer than {study.largest}{'' if len(after) else ', and maybe more'}"
+    text = (
+        f"{admit}: with {study.largest}, F({1e3 * row['deadline']:g} ms) = {row['reliability']:.3f}; less of it says "
+        "that the network is full, whoever fills it."
+    )
+    names = {"uplink_usage": "the uplink", "edge_usage": "the edge", "downlink_usage": "the downlink"}
+    # Workers that drop what finds them busy are as busy with too many robots as with enough.
+    telling = [use for use in USES if use in row and len(after) and after[use].iloc[0] > row[use] + _SAME]
+    if telling:
+        text += f" So does more than {' or '.join(f'{row[use]:.0%} of {names[use]}' for use in telling)} in use."
+    return [text]
+
+
+def _needs(study: FleetStudy) -> list[str]:
+    words = {"prbs": "Resource blocks", "workers": "Workers"}
+    return [
+        f"{words[given]}: {'; '.join(map(_need, table.to_dict('records')))}." for given, table in study.needs.items()
+    ]
+
+
+def _need(row: Mapping[str, Any]) -> str:
+    verb = "needs" if row["robots"] == 1 else "need"
+    most = "at most " if row["beyond"] == "less than the axis" else ""
+    amount = "more than were tried" if np.isnan(row["need"]) else f"{most}{row['need']:g}"
+    text = f"{row['robots']} {verb} {amount}"
+    if np.isnan(row["crossing"]):
+        return text
+    ends = f"[{_end(row['crossing_low'])}, {_end(row['crossing_high'])}]"
+    return f"{text} (QoC alone, interpolated: {row['crossing']:.3g} {ends})"
+
+
+def _robots(count: int) -> str:
+    return "1 robot keeps" if count == 1 else f"{count} robots keep"
+
+
+def _end(value: float | None) -> str:
+    return "?" if value is None or np.isnan(value) else f"{value:.3g}"
+
+
+def _first(study: FleetStudy) -> list[str]:
+    if study.steps.empty:
+        return []
+    best = study.steps.iloc[0]
+    gain = f"{best['gain']:+.4f} [{best['gain_low']:+.4f}, {best['gain_high']:+.4f}]"
+    if best["gain_low"] <= 0:
+        return [
+            f"With N = {best['robots']} no single step is shown to help; the largest gain is {best['step']}, {gain}."
+        ]
+    return [f"With N = {best['robots']} change first: {best['step']}, {gain} QoC."]

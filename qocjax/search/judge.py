@@ -1,0 +1,83 @@
+"""Designs judged on fresh seeds: scores with intervals, paired differences, limits, demand, and who ties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import pandas as pd
+
+from qocjax.scenario import Design
+from qocjax.search.trial import Problem
+from qocjax.statistics.estimates import share
+from qocjax.statistics.scores import Scores
+
+__all__ = ["Judged", "judge", "stacked", "tie_set"]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Designs with what fresh seeds say of them."""
+
+    table: pd.DataFrame  # one row per design
+    scores: Scores  # [G, S]
+
+
+def stacked(designs: Sequence[Design]) -> Design:
+    """Several sets of designs as one."""
+    values = [design.values() for design in designs]
+    return Design.of({name: np.concatenate([np.atleast_1d(each[name]) for each in values]) for name in values[0]})
+
+
+def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | None = None) -> Judged:
+    """Simulates designs on seeds that nothing was chosen on.
+
+    Args:
+        problem: Objective, limits, traffic and measure.
+        designs: Values [G].
+        seeds: [S].
+        reference: [S] QoC of a design on the same seeds, that the differences are taken to.
+
+    Returns:
+        The table holds the design; `score` (the measure) with both 95 % intervals (`_whole_` with the error of J_med in
+        it); `qoc` (the mean); the collision share with its Clopper-Pearson interval; F(Delta); the demand; `excess` and
+        `feasible`; `at_edge`, the bounds of the search that it lies at; and with a reference `difference` with its
+        paired intervals. `within_limit`: feasible, and even the upper end of the collision share keeps its limit.
+    """
+    scores, collided = problem.judged(designs, seeds)
+    table = pd.DataFrame({name: np.asarray(value, float) for name, value in designs.values().items()})
+    count, measure = len(table), problem.measure
+    found = [measure.interval(scores[k]).columns("score") for k in range(count)]
+    table = pd.concat([table, pd.DataFrame(found)], axis=1)
+    table["qoc"] = scores.values.mean(axis=1)
+    shares = [share(row, scores.units, like=like) for row, like in zip(collided, scores.values, strict=True)]
+    table["collision_share"] = collided.mean(axis=1)
+    table["collision_low"], table["collision_high"] = [s.low for s in shares], [s.high for s in shares]
+    table["reliability"], table["reliability_se"] = problem.objective.reliability(table["deadline"], table["tau"])
+    for name, values in asdict(problem.demand(np.asarray(designs.tau))).items():
+        table[name] = values
+    table["excess"] = problem.excess(designs, collided)
+    table["feasible"] = table["excess"] == 0
+    most = problem.limits.collision_share
+    table["within_limit"] = table["feasible"] & ((most is None) | (table["collision_high"] <= (most or 0.0)))
+    table["at_edge"] = [problem.space.at_bounds(row) for row in table.to_dict("records")]
+    if reference is not None:
+        gaps = [measure.difference(scores[k], reference).columns("difference") for k in range(count)]
+        table = pd.concat([table, pd.DataFrame(gaps)], axis=1)
+    return Judged(table, scores)
+
+
+def tie_set(problem: Problem, judged: Judged, chosen: int) -> np.ndarray:
+    """Which designs [G] the seeds cannot tell from the chosen one; it is itself one of them.
+
+    All intervals hold at once with 95 % (Bonferroni): a design is left out only where it is surely told apart. Designs
+    that break the limits are no ties.
+    """
+    count = len(judged.table)
+    confidence = 1 - 0.05 / max(count - 1, 1)
+    ties = []
+    for row in range(count):
+        gap = problem.measure.difference(judged.scores[row], judged.scores[chosen], confidence).given
+        ties.append(row == chosen or (gap.high >= 0 and bool(judged.table["feasible"].iloc[row])))
+    return np.array(ties)

@@ -1,0 +1,1 @@
+"""What a QoS profile of the middleware is worth: messages in, loop times and QoC out."""
