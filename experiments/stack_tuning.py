@@ -18,7 +18,7 @@ import pandas as pd
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design
-from qocjax.codesign import problem_of
+from qocjax.commands.codesign import problem_of
 from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.search import FIRST, Problem, find

@@ -17,6 +17,7 @@ import pandas as pd
 from hydra import compose, initialize_config_dir
 
 from qocjax._xla import request_whole_loop
+from qocjax.commands.tune import landscape
 from qocjax.config import conf_dir, load
 from qocjax.config.tune import TuneConfig
 from qocjax.figures.save import save
@@ -24,7 +25,6 @@ from qocjax.figures.tuning import tuning_map
 from qocjax.scenario import Design
 from qocjax.search.objective import Objective, pilot_scale
 from qocjax.statistics.estimates import estimate, paired
-from qocjax.tune import landscape
 from qocjax.tuning import Tuning, tune
 
 RESULTS = Path(__file__).resolve().parent / "results"

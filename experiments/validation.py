@@ -17,10 +17,10 @@ import pandas as pd
 from hydra import compose, initialize_config_dir
 
 from qocjax._xla import request_whole_loop
+from qocjax.commands.validate import report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
 from qocjax.study.reliability import load_of
-from qocjax.validate import report, run
 from qocjax.validation import Validation, compare
 
 RESULTS = Path(__file__).resolve().parent / "results"

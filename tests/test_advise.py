@@ -24,9 +24,9 @@ from qocjax.advice.reaching import Bound
 from qocjax.advice.shortlist import Effort, shortlist
 from qocjax.advice.target import Target
 from qocjax.advice.verdict import answer_of
-from qocjax.advise import advice_values, page, run
-from qocjax.advise import run as advise_run
-from qocjax.codesign import run as codesign_run
+from qocjax.commands.advise import advice_values, page, run
+from qocjax.commands.advise import run as advise_run
+from qocjax.commands.codesign import run as codesign_run
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.codesign import CodesignConfig

@@ -16,7 +16,7 @@ from qocjax.advice.assumptions import _alternatives
 from qocjax.advice.plan import plan_of
 from qocjax.advice.shortlist import Effort
 from qocjax.advice.slack import Asked
-from qocjax.advise import page, run
+from qocjax.commands.advise import page, run
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
 from qocjax.navigation import NavigationStack, open_floor

@@ -25,9 +25,9 @@ from bags import (
 )
 from hydra import compose, initialize_config_dir
 
+from qocjax.commands.ingest import Ingested, report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
-from qocjax.ingest import Ingested, report, run
 from qocjax.recorded import messages as recorded_messages
 from qocjax.recorded.run import RecordedRun
 

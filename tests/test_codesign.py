@@ -16,7 +16,7 @@ from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, one_at_a_time, paper_network
 from qocjax.batch import evaluate
-from qocjax.codesign import run, summary
+from qocjax.commands.codesign import run, summary
 from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.figures.codesign import qoc_against_demand, search_curves

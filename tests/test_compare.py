@@ -19,14 +19,14 @@ from omegaconf import OmegaConf
 from scipy import stats
 
 from qocjax import QocScale, Study, open_study, qoc
-from qocjax.compare import as_options, comparison_text, run
+from qocjax.commands.compare import as_options, comparison_text, run
+from qocjax.commands.sweep import run as run_sweep
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.compare import CompareConfig
 from qocjax.figures.compared import compared
 from qocjax.statistics.estimates import unpaired
 from qocjax.store import write_config
 from qocjax.study.comparison import compare
-from qocjax.sweep import run as run_sweep
 
 SMALL = [
     "sweep=kappa", "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[100,200,800]", "sweep.seeds=4",

@@ -17,9 +17,9 @@ import pytest
 from guide import GUIDE, write_guide
 from hydra import compose, initialize_config_dir
 
-import qocjax.sweep
-import qocjax.tune
-from qocjax._command import _of_target
+import qocjax.commands.sweep
+import qocjax.commands.tune
+from qocjax.commands.command_line import _of_target
 from qocjax.config import SimulationConfig, StudyConfig, build_problem, conf_dir, load
 from qocjax.config.target import law_of
 from qocjax.config.tune import TuneConfig
@@ -39,7 +39,7 @@ TUNED = [
 # Runs the command line once for each list of options.
 ONE_BY_ONE = """
 import json, sys
-from qocjax.sweep import main
+from qocjax.commands.sweep import main
 for options in json.loads(sys.argv[1]):
     sys.argv = ["qocjax.sweep", *options]
     try:

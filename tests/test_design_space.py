@@ -12,6 +12,8 @@ import pytest
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design, Scenario, evaluate, one_at_a_time, open_study, paper_network
+from qocjax.commands.sweep import run
+from qocjax.commands.sweep_page import policy_text
 from qocjax.config import conf_dir, load
 from qocjax.config.study import StudyConfig, build_problem
 from qocjax.controllers import Cbf
@@ -23,8 +25,6 @@ from qocjax.simulate import simulate
 from qocjax.statistics.units import joined
 from qocjax.study.chunks import Part, plan
 from qocjax.study.grid import full_grid
-from qocjax.sweep import run
-from qocjax.sweep_page import policy_text
 from qocjax.tunables import APF, CBF, LOOP, NAVIGATION, NETWORK, ROBOT, design_name
 
 LITTLE = ["sweep=base", "sweep.seeds=3", "sweep.evaluation_seeds=4", "sweep.deadline_ms=[100,250]", "report=false",

@@ -19,12 +19,12 @@ from matplotlib.collections import QuadMesh
 from scipy import stats
 from test_report import Visit, browser  # noqa: F401 - a fixture
 
+from qocjax.commands.fleet import fleet_text, run
 from qocjax.config import conf_dir, load
 from qocjax.config.fleet import FleetConfig
 from qocjax.figures.fleet import draw_fleet, fleet_figure
 from qocjax.figures.fleet_loops import completion_figure, steps_figure
 from qocjax.figures.fleet_maps import maps_figure
-from qocjax.fleet import fleet_text, run
 from qocjax.fleets import Asked, Crossing, Layout, Point, crossing, largest_fleet
 from qocjax.fleets.tables import (
     FleetStudy,
@@ -429,7 +429,7 @@ ONE_BY_ONE = """
 import contextlib, io, json, sys
 import qocjax.study.sweep, qocjax.fleet
 def compiles(*_, **__): raise SystemExit("went on")
-qocjax.fleet.study_of = compiles
+qocjax.commands.fleet.study_of = compiles
 for options in json.loads(sys.argv[1]):
     sys.argv = ["qocjax.fleet", *options]
     out, err, code = io.StringIO(), io.StringIO(), 0

@@ -15,8 +15,8 @@ import pytest
 from hydra import compose, initialize_config_dir
 from logs import LOGS, Sample
 
-from qocjax._command import _expanded
-from qocjax.advise import run as advise
+from qocjax.commands.advise import run as advise
+from qocjax.commands.command_line import _expanded
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
 from qocjax.network import Trace, read_trace

@@ -12,7 +12,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from qocjax._help import choices_text, described, options_of, options_text, read_remarks, remarks_of
+from qocjax.commands.help import choices_text, described, options_of, options_text, read_remarks, remarks_of
 from qocjax.config import conf_dir, load
 
 COMMANDS = sorted(path.stem for path in conf_dir().glob("*.yaml"))

@@ -17,10 +17,10 @@ from bags import AMCL, STAMPED, TWIST, Message, pose, speeds, stamped, write_bag
 from hydra import compose, initialize_config_dir
 
 import qocjax
+from qocjax.commands.ingest import Ingested, report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
 from qocjax.figures.recorded import clock_figure, delay_figure
-from qocjax.ingest import Ingested, report, run
 from qocjax.quality import QocScale, qoc
 from qocjax.recorded import Labels
 from qocjax.recorded.patterns import filled, matched, words

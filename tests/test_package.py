@@ -24,7 +24,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import qocjax
-from qocjax._command import _expanded, _of_target
+from qocjax.commands.command_line import _expanded, _of_target
 from qocjax.config import SimulationConfig, StudyConfig, conf_dir, load
 from qocjax.config.fleet import FleetConfig
 from qocjax.config.ingest import IngestConfig
@@ -99,7 +99,7 @@ BAD_OPTIONS = {
 # Runs the command line once for each list of options in one process: most of the time of such a run is its imports.
 ONE_BY_ONE = """
 import contextlib, io, json, sys
-from qocjax.sweep import main
+from qocjax.commands.sweep import main
 for options in json.loads(sys.argv[1]):
     sys.argv = ["qocjax.sweep", *options]
     out, err, code = io.StringIO(), io.StringIO(), 0

@@ -16,13 +16,13 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from qocjax import Design, Scenario, evaluate
+from qocjax.commands.qos import run, text
 from qocjax.config import conf_dir, load
 from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import win_map
 from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, LoopNetwork, TruncatedNormal
 from qocjax.network.dds import DdsNetwork, Topic
 from qocjax.network.demand import Carrier
-from qocjax.qos import run, text
 from qocjax.statistics.recorded import RecordedLoops, network_keys
 from qocjax.transport.qos import QosStudy, qos_study
 from qocjax.transport.transport import Sent, bursty_loss, run_transport, traffic_row, transport_row

@@ -15,12 +15,13 @@ import yaml
 from bags import AMCL, ODOM, PLACED, POLYGON, TWIST, Message, outline, pose, speeds, write_bag
 from hydra import compose, initialize_config_dir
 
+from qocjax.commands.ingest import run as ingest_run
+from qocjax.commands.robot_seen import robot_seen
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.robot import RobotConfig
 from qocjax.config.robots import presets
 from qocjax.config.trace import TraceConfig
-from qocjax.ingest import run as ingest_run
 from qocjax.recorded import RecordedRun
 from qocjax.recorded.accelerations import accelerations
 from qocjax.recorded.findings import Findings
@@ -30,7 +31,6 @@ from qocjax.recorded.limits import speeds as largest_speeds
 from qocjax.recorded.nearest import Preset, nearest_preset
 from qocjax.recorded.series import Cleaning, Series
 from qocjax.recorded.text import run_lines
-from qocjax.robot_seen import robot_seen
 
 ROOT = Path(__file__).parents[1]
 RATE = 0.05  # s

@@ -20,13 +20,13 @@ from rosbags.typesys import Stores, get_typestore
 
 import qocjax
 from qocjax import ingest
+from qocjax.commands.show import run as show
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.show import ShowConfig
 from qocjax.navigation import Grid, Rectangle, map_of_shapes
 from qocjax.robots import Acceleration, Unicycle
 from qocjax.ros.bag import BEGIN
-from qocjax.show import run as show
 
 HORIZON, TAU, DEADLINE = 8.0, 0.02, 0.21
 TICKS = round(HORIZON / TAU)

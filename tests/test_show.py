@@ -21,6 +21,7 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 import qocjax
+from qocjax.commands.show import report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.show import ShowConfig
 from qocjax.figures import trajectories
@@ -30,7 +31,6 @@ from qocjax.figures.film import write_film
 from qocjax.figures.scene import Scene, age_scale
 from qocjax.navigation import Grid, Rectangle, StaticMap, map_of_shapes
 from qocjax.scenario import Design, Scenario
-from qocjax.show import report, run
 
 GRID = Grid(0.1, (-2.0, -1.0), (20, 40))
 ROOM: StaticMap = map_of_shapes(GRID, [Rectangle((0.0, 0.8), (0.4, 0.4))])

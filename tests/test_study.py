@@ -13,6 +13,7 @@ from hydra import compose, initialize_config_dir
 from scipy import stats
 
 from qocjax import Design, QocScale, Scenario, Study, evaluate, one_at_a_time, paper_network, qoc, run_study
+from qocjax.commands.sweep_page import policy_text
 from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.study import StudyConfig
@@ -22,7 +23,6 @@ from qocjax.statistics.scales import standing_still
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
 from qocjax.study.sweep import qoc_by_seed, results_table
-from qocjax.sweep_page import policy_text
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1)

@@ -16,13 +16,13 @@ import pytest
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design, QocScale, Scenario, gradient, paper_network
+from qocjax.commands.tune import design_text, landscape, run
 from qocjax.config import conf_dir, load
 from qocjax.config.tune import TuneConfig
 from qocjax.figures.gradients import gradient_errors
 from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.scenario import CONTINUOUS
 from qocjax.search.objective import Objective
-from qocjax.tune import design_text, landscape, run
 from qocjax.tuning import (
     DEFAULT_BOUNDS,
     ESTIMATORS,

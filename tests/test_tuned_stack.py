@@ -12,14 +12,14 @@ import yaml
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design
-from qocjax.codesign import run as codesign
+from qocjax.commands.codesign import run as codesign
+from qocjax.commands.tune import run as tune
 from qocjax.config import conf_dir, load
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.tune import TuneConfig
 from qocjax.nav2 import Change, advised, merged, read_params
 from qocjax.nav2.advised import Set
-from qocjax.tune import run as tune
 
 LITTLE = ["loop.tau=0.1", "scenario.horizon=6", "figures=false"]
 SEARCH = [

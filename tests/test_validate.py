@@ -22,11 +22,11 @@ from scipy import stats
 
 import qocjax
 from qocjax import Design, Scenario, paper_network
+from qocjax.commands.validate import Outcome, report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.validate import ValidateConfig
 from qocjax.network.interface import exactly
 from qocjax.network.schedule import Rules
-from qocjax.validate import Outcome, report, run
 from qocjax.validation import (
     REGIMES,
     Curve,

@@ -22,13 +22,13 @@ from hydra import compose, initialize_config_dir
 import qocjax.cluster.engine as dask_engine
 from qocjax._xla import request_whole_loop
 from qocjax.cluster import DaskEngine
+from qocjax.commands.sweep import run
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.store import write_json
 from qocjax.store.provenance import provenance
 from qocjax.store.study_folder import ChunkFolder
 from qocjax.study.chunks import Chunk, Failure, Part, Result, plan
 from qocjax.study.problem import Problem
-from qocjax.sweep import run
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 ROUNDS = 3

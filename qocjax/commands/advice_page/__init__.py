@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from qocjax.advice.advice import Advice
-from qocjax.advice_page.decision import decision_lines, present_lines
-from qocjax.advice_page.margins import cliff_lines, margin_lines, sensitivity_lines, slack_lines
-from qocjax.advice_page.network import network_lines
-from qocjax.advice_page.tables import judged_table, stress_lines, tie_line
+from qocjax.commands.advice_page.decision import decision_lines, present_lines
+from qocjax.commands.advice_page.margins import cliff_lines, margin_lines, sensitivity_lines, slack_lines
+from qocjax.commands.advice_page.network import network_lines
+from qocjax.commands.advice_page.tables import judged_table, stress_lines, tie_line
 from qocjax.quality import qoc
 from qocjax.statistics.scales import scale_text
 

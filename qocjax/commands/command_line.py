@@ -18,10 +18,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from qocjax._help import register_help
-from qocjax._quoting import quoted_options
 from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
+from qocjax.commands.help import register_help
+from qocjax.commands.quoting import quoted_options
 from qocjax.config import conf_dir
 from qocjax.config.part import Part
 from qocjax.store.study_folder import read_identity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from qocjax._command import printed_unit
+from qocjax.commands.command_line import printed_unit
 from qocjax.study.edges import bounds_text
 from qocjax.validation import Curve, Fit, Judged, Validation
 

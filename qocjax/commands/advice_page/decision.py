@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from qocjax._command import printed_unit
 from qocjax.advice.advice import Advice
-from qocjax.advice_page.words import GAINS, bound_text, collisions_text, ms, percent, with_ends
+from qocjax.commands.advice_page.words import GAINS, bound_text, collisions_text, ms, percent, with_ends
+from qocjax.commands.command_line import printed_unit
 from qocjax.study.edges import bounds_text
 
 __all__ = ["decision_lines", "present_lines"]

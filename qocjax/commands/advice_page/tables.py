@@ -7,7 +7,7 @@ import pandas as pd
 
 from qocjax.advice.advice import Advice
 from qocjax.advice.trace_parts import WORST_PART
-from qocjax.advice_page.words import GAINS, collisions_text, ms, with_ends
+from qocjax.commands.advice_page.words import GAINS, collisions_text, ms, with_ends
 
 __all__ = ["judged_table", "stress_lines", "tie_line"]
 

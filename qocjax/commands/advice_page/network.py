@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from qocjax.advice.advice import Advice, plain
-from qocjax.advice_page.words import ms
+from qocjax.commands.advice_page.words import ms
 from qocjax.study.reliability import share_text
 
 __all__ = ["network_lines"]

@@ -6,7 +6,7 @@ import numpy as np
 
 from qocjax.advice.advice import Advice
 from qocjax.advice.stress import GROWTHS
-from qocjax.advice_page.words import bound_text, ms
+from qocjax.commands.advice_page.words import bound_text, ms
 
 __all__ = ["cliff_lines", "margin_lines", "sensitivity_lines", "slack_lines"]
 

@@ -1,0 +1,141 @@
+"""`python -m qocjax.show`: one run, with its trajectory, an animation and the costmaps of the navigation stack."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+from omegaconf import DictConfig
+
+from qocjax.commands.command_line import command, output_dir
+from qocjax.config import load
+from qocjax.config.show import ShowConfig
+from qocjax.controllers import Apf, Cbf, Controller
+from qocjax.figures.animation import animate
+from qocjax.figures.costmap import CostmapView, costmap_layers_figure, costmaps
+from qocjax.figures.paths import check_run, closest_approach
+from qocjax.figures.save import save
+from qocjax.figures.trajectories import trajectories
+from qocjax.navigation import NavigationStack, StaticMap, snapshot
+from qocjax.simulate import Run
+from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.study.replay import replay
+
+__all__ = ["Shown", "main", "report", "run"]
+
+_LAWS: dict[type, str] = {Apf: "surrogate law", Cbf: "barrier", NavigationStack: "navigation stack"}
+
+_BEFORE = 1.0  # s before the closest approach, when robots still look for a way past each other
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run and what there is to see of it."""
+
+    run: Run
+    static_map: StaticMap | None  # None on open floor
+    views: list[CostmapView]  # one for each robot; none of the surrogate law
+
+
+def run(config: ShowConfig, folder: Path | None = None) -> Shown:
+    """Simulates and draws the run of a configuration.
+
+    Args:
+        config: What to simulate, and what to draw.
+        folder: Where the run, its figures and the record go; None writes nothing.
+
+    Raises:
+        ValueError: A value of the configuration is out of range.
+    """
+    design, room, controller = config.build_design(), config.build_map(), config.build_controller()
+    found = replay(
+        config.build_scenario(), design, config.build_network(), config.show.seed,
+        rules=config.loop.build(), key=config.key, controller=controller,
+    )  # fmt: skip
+    done = jax.tree.map(np.asarray, found)
+    views = _views(done, controller, config.show.at)
+    shown = Shown(done, room, views)
+    if folder is not None:
+        _write(shown, config, controller, folder)
+        if config.bag:
+            done.to_bag(folder / "bag", room, controller if isinstance(controller, NavigationStack) else None)
+        if config.figures:
+            _draw(shown, config, controller, folder / "figures")
+    return shown
+
+
+def _views(done: Run, controller: Controller, at: float | None) -> list[CostmapView]:
+    """What every robot's stack looked at, at the sampling instant at or before a time; nothing of the surrogate law."""
+    if not isinstance(controller, NavigationStack):
+        return []
+    time = np.asarray(done.time)[:-1]
+    if at is None:
+        meeting = closest_approach(check_run(done).pose)
+        at = max(float(done.time[meeting[0]]) - _BEFORE, 0.0) if meeting else float(time[time.size // 4])
+    tick = int(np.searchsorted(time, at + 1e-3 * time[1], side="right")) - 1  # times are single precision
+    return [_view(done, controller, robot, tick) for robot in range(done.pose.shape[1])]
+
+
+def _view(done: Run, stack: NavigationStack, robot: int, tick: int) -> CostmapView:
+    seen = snapshot(stack, done, tick, robot)
+    rollouts = seen.rollouts
+    assert rollouts.x is not None and rollouts.y is not None  # a snapshot records them; for the type checker
+    return CostmapView(
+        grid=stack.static_map.grid, static=seen.layers.static, obstacles=seen.layers.obstacles,
+        inflation=seen.layers.inflation, total=seen.layers.total(), path=seen.path, rollout_x=rollouts.x,
+        rollout_y=rollouts.y, weight=rollouts.weight, poses=done.pose[tick], robot=robot, begin=seen.begin,
+        goal=seen.goal, robot_radius=float(done.robot_radius), time=float(done.time[tick]),
+    )  # fmt: skip
+
+
+def _write(shown: Shown, config: ShowConfig, law: Controller, folder: Path) -> None:
+    write_table(folder / "run", shown.run.to_pandas())
+    write_config(folder, config.model_dump())
+    write_json(folder / "record.json", _numbers(shown.run) | provenance(law))
+
+
+def _draw(shown: Shown, config: ShowConfig, law: Controller, folder: Path) -> None:
+    options = config.show
+    save(trajectories(shown.run, static_map=shown.static_map), folder / "trajectories")
+    if shown.views:
+        save(costmaps(shown.views), folder / "costmaps")
+        save(costmap_layers_figure(shown.views[options.robot - 1]), folder / f"costmap_robot{options.robot}")
+    animate(shown.run, folder / f"run.{options.format}", static_map=shown.static_map, fps=options.fps,
+            until=options.until, title=_LAWS.get(type(law), type(law).__name__))  # fmt: skip
+
+
+def _numbers(done: Run) -> dict[str, object]:
+    """The metrics of a run as plain numbers; an arrival that is never is null."""
+    each = {name: np.asarray(getattr(done, name), float).tolist() for name in ("auc", "path_length", "effort")}
+    arrival = [float(time) if np.isfinite(time) else None for time in np.asarray(done.arrival_time)]
+    whole = {name: float(getattr(done, name)) for name in ("completed_share", "age_mean", "age_peak", "deadline")}
+    distance = float(done.min_distance)
+    closest = {"min_distance": distance if np.isfinite(distance) else None, "collided": bool(done.collided)}
+    own = {name: np.asarray(values, float).tolist() for name, values in done.report.items()}
+    return each | {"arrival_time": arrival} | closest | whole | own
+
+
+def report(shown: Shown) -> str:
+    """The run in a few lines."""
+    done = shown.run
+    ages = [1e3 * float(age) for age in (done.age_mean, done.age_peak)]
+    lines = [
+        f"deadline {1e3 * float(done.deadline):g} ms, loops completed {float(done.completed_share):.1%}, "
+        f"age {ages[0]:.0f} ms on average and {ages[1]:.0f} ms at most"
+    ]
+    for robot, (auc, time) in enumerate(zip(done.auc, done.arrival_time, strict=True), start=1):
+        arrived = f"near its goal from {time:.1f} s on" if np.isfinite(time) else "does not stay near its goal"
+        lines.append(f"robot {robot}: AUC {auc:.3f} s, {arrived}")
+    if np.isfinite(done.min_distance):
+        lines.append(f"smallest distance {float(done.min_distance):.3f} m" + (": a collision" if done.collided else ""))
+    return "\n".join(lines)
+
+
+@command("show", nav2=True)
+def main(cfg: DictConfig) -> None:
+    """Command line."""
+    config, folder = load(ShowConfig, cfg), output_dir()
+    print(report(run(config, folder)))
+    print(f"The run, its figures and the record are in {folder}")
