@@ -66,7 +66,7 @@ def test_deadlines_are_thinned_out_evenly() -> None:
 def test_what_it_cannot_do_is_refused(composer: None) -> None:
     with pytest.raises(ValueError, match=r"actuation: got 'arrival' with predict=True, expected 'deadline'"):
         run(config("controller.predict=true", "loop.actuation=arrival"))
-    with pytest.raises(ValueError, match=r"kappa: got several values, but the navigation stack does not read it"):
+    with pytest.raises(ValueError, match="advise.bounds.kappa: got .*, expected null: controller=navigation"):
         run(config("advise.bounds.kappa=[1,2]", *TINY))
     with pytest.raises(ValueError, match=r"deadlines: got 2, expected"):
         run(config("advise.deadlines=2"))

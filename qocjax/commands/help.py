@@ -23,8 +23,7 @@ _OWN = ("help", "output", "maps")  # groups that are parts of the program
 _UNIT = re.compile(r"(s|m|ms|rad|1/s|1/m|m/s|rad/s)(?=;|$)")
 # Choices that exist for others, and that a command would refuse.
 _REFUSED = {
-    **{(command, "controller"): {"cbf", "custom", "navigation"} for command in ("codesign", "fleet", "qos")},
-    ("tune", "controller"): {"navigation"},
+    **{(command, "controller"): {"cbf", "custom", "navigation"} for command in ("fleet", "qos")},
     ("qos", "network"): {"cell", "kth_5g", "loop", "paper", "trace"},
     ("fleet", "network"): {"trace"},
 }
