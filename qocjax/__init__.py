@@ -4,9 +4,11 @@
     designs = qocjax.Design(kappa=[1.0, 2.0, 3.0])
     metrics = qocjax.evaluate(qocjax.Scenario(), designs, qocjax.paper_network(), range(32))
 
-The story by module: `scenario` (what is simulated, what one may choose), `robots` (how they move), `controllers` (the
-law), `network` (loop times, completion, age), `closed_loop` (one tick, one scan), `quality` and `reference` (AUC and
-QoC), `batch` (many designs x seeds), `study` (grids, policies, statistics), `store` and `figures` (files and pictures).
+The story by module: `scenario` (what is simulated, what one may choose), `tunables` (what the parts declare), `robots`
+(how they move), `controllers` and `navigation` (laws), `network` (loop times, completion, age), `closed_loop` (one
+tick, one scan), `quality` and `reference` (AUC and QoC), `batch` (many designs x seeds), `study` (grids in chunks,
+policies), `search`, `tuning`, `advice`, `fleets`, `transport` and `validation` (what else is asked), `statistics`,
+`store`, `figures` and `report` (intervals, files, pictures, pages), `commands` (the command lines).
 """
 
 from qocjax.batch import evaluate, gradient
