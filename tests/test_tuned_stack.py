@@ -12,6 +12,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 
 from qocjax import Design
+from qocjax.commands.advise import run as advise
 from qocjax.commands.codesign import run as codesign
 from qocjax.commands.tune import run as tune
 from qocjax.config import conf_dir, load
@@ -101,6 +102,16 @@ def test_advice_takes_bounds_of_the_stack() -> None:
     assert given.bounds()["controller.inflation.cost_scaling_factor"] == (2, 20)
     assert given.current().others == {"controller.inflation.cost_scaling_factor": 10.0}
     assert isinstance(given.current(), Design)
+
+
+@pytest.mark.slow
+def test_advice_moves_what_the_law_declares() -> None:
+    little = ["controller=cbf", "+advise.bounds.controller.alpha=[0.5,8]", "advise.points=8", "advise.rounds=[4,8]",
+              "advise.fresh_seeds=16", "advise.finalists=4", "advise.margins.delays=0", "advise.margins.points=0",
+              "advise.max_collision_share=0.5"]  # fmt: skip
+    found = advise(config(AdviseConfig, "advise", *little))
+    assert found.elasticities["parameter"].eq("controller.alpha").any()
+    assert 0.5 <= float(found.recommended.others["controller.alpha"]) <= 8.0
 
 
 def values_of(changes: list[Change]) -> dict[str, Any]:

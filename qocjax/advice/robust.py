@@ -86,7 +86,7 @@ def choose(
         k = int(worst.argmax())
         start = _Start(row(others, k), scores[near[k]], max(limit, float(upper[near[k]])), float(worst[k]))
         best = _least_change(bench, start, current, names)
-    kept = tuple(name for name in names if float(getattr(best, name)) == float(getattr(current, name)))
+    kept = tuple(name for name in names if float(best.values()[name]) == float(current.values()[name]))
     return Chosen(best, row(pool, top), bool(upper.min() <= limit), kept, others)
 
 
@@ -154,7 +154,7 @@ def _given_back(finalists: Design, current: Design, names: Sequence[str]) -> lis
 def _least_change(bench: _Bench, start: _Start, current: Design, names: Sequence[str]) -> Design:
     """Gives gains back, one at a time, as long as neither mean nor worst QoC nor safety are told to suffer."""
     best, floor = start.design, start.worst * (1.0 - _CLOSE)
-    while left := [name for name in names if float(getattr(best, name)) != float(getattr(current, name))]:
+    while left := [name for name in names if float(best.values()[name]) != float(current.values()[name])]:
         trials = [best.having({name: float(current.values()[name])}) for name in left]
         designs = stacked([*trials, *[best] * (len(names) - len(trials))])  # of one size: one program
         runs = bench.objective.runs(designs, bench.seeds)

@@ -84,7 +84,7 @@ def shortlist(
         within = np.array([share_of(each, units).low for each in hits]) <= limit
     if not within.any():
         least = row(pool, int(order[0]))
-        values = ", ".join(f"{name}={float(getattr(least, name)):.3g}" for name in (*box.bounds, "deadline"))
+        values = ", ".join(f"{name}={float(least.values()[name]):.3g}" for name in (*box.bounds, "deadline"))
         raise ValueError(
             f"max_collision_share: got {limit:g}, which no design that was tried keeps; the closest has "
             f"{share[order[0]]:.3g}, with {values}"

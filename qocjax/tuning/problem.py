@@ -105,7 +105,7 @@ class _RobotSlopes:
         """The measure, [N, designs, seeds] each."""
         start = drawn.start
         shape = (1, jnp.shape(design.kappa)[1], start.shape[-1])
-        values = {name: jnp.broadcast_to(getattr(design, name), shape) for name in self.names}
+        values = {name: jnp.broadcast_to(design.values()[name], shape) for name in self.names}
 
         def auc(values: dict[str, Array]) -> Array:
             return metrics(scenario, design.having(values), drawn, ticks, plan)["auc"]

@@ -176,6 +176,6 @@ def fit(
     )
     known = [len(each.measured.seeds) for each in settings if each.measured.seeds is not None]
     found = find(problem, method, budget, repetition=repetition, key=key, block=min(max(known, default=8), 32))
-    gains = {name: float(np.asarray(getattr(found.design, name))[0]) for name in space.bounds}
+    gains = {name: float(np.asarray(found.design.values()[name])[0]) for name in space.bounds}
     return Fit(baseline.having(gains), gains, method, found.spent, 100.0 - found.fitness,
                at_bounds(gains, space.bounds, {}))  # fmt: skip
