@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from qocjax.config.bounds import Bounds, built_bounds
 from qocjax.config.part import Part
-from qocjax.config.study import SweptConfig
+from qocjax.config.swept import SweptConfig
 from qocjax.network.demand import Carrier, Traffic
 from qocjax.search import Limits, Measure, Space
 
