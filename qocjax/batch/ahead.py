@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from itertools import islice
 from typing import TypeVar
 
@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 
 __all__ = ["side_by_side"]
+
+_LOOK = 0.5  # s between looks whether the threads were shut down
 
 P = TypeVar("P")
 R = TypeVar("R")
@@ -28,6 +30,9 @@ def side_by_side(
         pieces: Taken one at a time.
         threads: Where it runs.
         ahead: Pieces under way or waiting for a thread.
+
+    Raises:
+        CancelledError: The threads were shut down meanwhile.
     """
     wide = jnp.result_type(float) == jnp.float64
     device = getattr(jax.config, "jax_default_device", None)
@@ -40,7 +45,9 @@ def side_by_side(
     pending: dict[Future[R], P] = {threads.submit(alike, piece): piece for piece in islice(source, ahead)}
     try:
         while pending:
-            done, _ = wait(pending, return_when=FIRST_COMPLETED)
+            done, rest = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
+            if not done and any(future.cancelled() for future in rest):  # the threads end: nobody tells who waits
+                raise CancelledError
             for future in done:
                 piece = pending.pop(future)
                 for following in islice(source, 1):

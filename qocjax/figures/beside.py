@@ -8,8 +8,10 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
+from threading import Thread
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -67,6 +69,15 @@ def _draw(drawing: Drawing) -> list[Path]:
 
 
 def _begin() -> None:
-    """In the other process: Ctrl-C, which reaches both, is left to this one; nothing is tidied up at the end."""
+    """In the other process: Ctrl-C, which reaches both, is left to this one; nothing is tidied up at the end.
+
+    It ends with this one, whatever ends that: a kill leaves nobody to shut it down.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     atexit.register(os._exit, 0)
+    Thread(target=_follow, args=(parent_process(),), daemon=True).start()
+
+
+def _follow(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
