@@ -108,6 +108,7 @@ def test_robots_start_apart(robots: int) -> None:
     assert apart.min() > 0.99
 
 
+@pytest.mark.slow
 def test_accelerator_script_runs_on_the_cpu(tmp_path: Path) -> None:
     output = command("gpu.py", "--size", "smallest", "--out", str(tmp_path))
     assert "backend=cpu" in output
@@ -118,6 +119,7 @@ def test_accelerator_script_runs_on_the_cpu(tmp_path: Path) -> None:
     assert (tmp_path / "batch_size_cpu.png").exists()
 
 
+@pytest.mark.slow
 def test_variant_of_a_batch() -> None:
     base = {"designs": 1, "seeds": 2, "ticks": 20}
     table = measure_variants({"no sharing": {"layout": "nothing shared", "whole_loop": False, "level": None}}, base, 1)

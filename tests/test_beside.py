@@ -29,6 +29,7 @@ def names(paths: list[Path]) -> list[str]:
     return [path.name for path in paths]
 
 
+@pytest.mark.slow
 def test_files_and_their_order_are_those_of_one_process(tmp_path: Path) -> None:
     alone = draw_all(drawings(tmp_path / "alone"))
     with process_beside() as pool:

@@ -157,7 +157,7 @@ def test_the_law_of_the_guide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     law_of.cache_clear()
     config = StudyConfig.model_validate(records[0]["configuration"])
     with pytest.raises(ValueError, match="lab: holds a study of other data, expected the files .* law as they were"):
-        qocjax.sweep.run(config, tmp_path / "lab", quiet=True)
+        qocjax.commands.sweep.run(config, tmp_path / "lab", quiet=True)
 
 
 @pytest.mark.slow
@@ -223,7 +223,7 @@ WRONG = {
 def test_what_is_wrong_with_a_law_is_one_line(case: str, laws: Path) -> None:
     (target, *options), told = WRONG[case]
     with pytest.raises(ValueError, match=told) as raised:
-        qocjax.sweep.run(configured(f"controller._target_={target}", *options), quiet=True)
+        qocjax.commands.sweep.run(configured(f"controller._target_={target}", *options), quiet=True)
     assert "\n" not in str(raised.value)
 
 
@@ -232,7 +232,7 @@ def test_a_law_from_outside_fills_packets(laws: Path) -> None:
     """Its plans are rolled as the surrogate law's are, which without repulsion it is."""
     plans = ("loop.hold=buffer", "loop.plan_length=4", "sweep.grids.kappa=[2]", "scenario.horizon=2")
     found, wanted = (
-        qocjax.sweep.run(configured(law, *plans), quiet=True).runs["auc"]
+        qocjax.commands.sweep.run(configured(law, *plans), quiet=True).runs["auc"]
         for law in ("controller._target_=lab.Straight", "controller.eta=0")
     )
     np.testing.assert_allclose(found, wanted, rtol=1e-6)
@@ -256,7 +256,7 @@ def test_a_law_is_tuned(estimator: str, laws: Path) -> None:
     """The guide's law as the surrogate law without its repulsion, whose derivatives they share."""
     how = f"tune.estimator={estimator}"
     found, wanted = (
-        qocjax.tune.run(tuning(how, each), quiet=True)
+        qocjax.commands.tune.run(tuning(how, each), quiet=True)
         for each in ("controller._target_=lab.Straight", "controller.eta=0")
     )
     np.testing.assert_allclose(found.designs[["kappa", "gamma"]], wanted.designs[["kappa", "gamma"]], rtol=1e-5)
@@ -269,7 +269,7 @@ def test_what_cannot_be_tuned_is_refused(laws: Path) -> None:
         (["controller=cbf", "tune.wrt=[kappa,eta]"], "tune.wrt: got eta, which cbf does not read"),
     ):
         with pytest.raises(ValueError, match=told):
-            qocjax.tune.run(tuning(*options), quiet=True)
+            qocjax.commands.tune.run(tuning(*options), quiet=True)
 
 
 def test_own_laws_say_of_themselves_what_a_controller_says() -> None:

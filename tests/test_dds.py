@@ -88,7 +88,7 @@ CHANNELS = {
 
 QUICK = {
     ("default", "mild"), ("depth 1", "constant"), ("depth 3, reader 1", "bursts"), ("keep all", "wild"),
-    ("periodic", "bursts"), ("fast", "mild"), ("fast, lifespan", "wild"), ("lifespan", "wild"),
+    ("periodic", "bursts"), ("fast, lifespan", "wild"), ("lifespan", "wild"),
     ("lifespan from reception", "wild"),
 }  # fmt: skip
 PAIRS = [

@@ -75,6 +75,7 @@ def test_a_law_reads_what_it_declares_as_arrays() -> None:
         evaluate(scenario, designs, network, seeds)
 
 
+@pytest.mark.slow
 def test_the_stack_with_arrays_is_the_stack_with_numbers() -> None:
     scenario = Scenario(horizon=2.0)
     own, times = stack(scenario), np.full((20, 2), 0.05)

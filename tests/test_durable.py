@@ -30,9 +30,9 @@ from qocjax import (
     one_at_a_time,
     open_study,
     paper_network,
-    sweep_page,
 )
-from qocjax import sweep as command
+from qocjax.commands import sweep as command
+from qocjax.commands import sweep_page
 from qocjax.config import StudyConfig, build_problem, conf_dir, load
 from qocjax.statistics.order import scale_of
 from qocjax.statistics.scales import scale_of_runs

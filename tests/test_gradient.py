@@ -26,7 +26,7 @@ def slopes(designs: Design, wrt: tuple[str, ...] = CONTINUOUS, mode: str | None 
 
 
 # On the grid of tau, between two multiples, within the first tick, and without any lag.
-@pytest.mark.parametrize("deadline", [0.08, 0.085, 0.004, 0.0])
+@pytest.mark.parametrize("deadline", [0.08, 0.085, pytest.param(0.004, marks=pytest.mark.slow), 0.0])
 def test_modes_agree(deadline: float) -> None:
     designs = Design(kappa=[1.0, 2.5], deadline=deadline)
     np.testing.assert_allclose(slopes(designs, mode="reverse"), slopes(designs, mode="forward"), rtol=1e-8, atol=1e-10)
@@ -62,6 +62,7 @@ def test_auc_is_that_of_evaluate() -> None:
         np.testing.assert_allclose(found, cost, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_batch_size_does_not_matter() -> None:
     designs = Design(kappa=[1.0, 1.5, 2.0], deadline=0.08)
     np.testing.assert_allclose(slopes(designs, max_runs=2), slopes(designs, max_runs=512), rtol=1e-10, atol=1e-12)

@@ -41,6 +41,8 @@ SAMPLES = {
     "delay/histogram": ["network.compute.path=delays.xml"],
     "controller/custom": ["controller._target_=qocjax.controllers.Apf"],
     "effort/custom": ["controller=custom", "controller._target_=qocjax.controllers.Apf"],
+    "sweep/alpha": ["controller=cbf"],
+    "sweep/cbf": ["controller=cbf"],
     "reading/default": ["path=logs"],
     "measured/csv": ["measured.path=auc.csv", "measured.unit=ms"],
     "measured/recorded": ["measured.path=runs"],
@@ -361,7 +363,7 @@ def composer() -> Iterator[None]:
 
 def composed(command: str, options: list[str]) -> SimulationConfig | FleetConfig | IngestConfig:
     """A configuration, checked against what the command's `run` takes."""
-    module = importlib.import_module(f"qocjax.{command}")
+    module = importlib.import_module(f"qocjax.commands.{command}")
     schema = get_type_hints(module.run)["config"]
     return load(schema, compose(command, getattr(module, "as_options", list)(options)))
 

@@ -171,6 +171,7 @@ def test_several_runs_are_no_bag(simulated: Any, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_stack_s_paths_and_costmaps_are_there(tmp_path: Path) -> None:
     options = ["bag=true", "figures=false", "controller=navigation", "controller.mppi.batch_size=60",
                "scenario.horizon=2.5", "loop.tau=0.1"]  # fmt: skip

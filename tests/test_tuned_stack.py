@@ -42,6 +42,7 @@ def config(model: Any, name: str, *options: str) -> Any:
         return load(model, compose(name, [*LITTLE, *options]))
 
 
+@pytest.mark.slow
 def test_a_search_moves_what_the_law_declares() -> None:
     found = codesign(config(CodesignConfig, "codesign", "controller=cbf", *SEARCH), quiet=True)
     assert found.names == ("v_max", "kappa", "gamma", "c_miss", "controller.alpha", "tau")
@@ -83,7 +84,9 @@ def test_the_stack_is_searched_and_tuned() -> None:
          "sweep.grids: got controller.mppi.gamma, expected bounds of it in search.bounds too"),
         (CodesignConfig, "codesign", ["loop.hold=timeout", "+sweep.grids.loop.hold_timeout=[1]"],
          "sweep.grids: got loop.hold_timeout, expected parameters that a program takes as arrays"),
-        (TuneConfig, "tune", ["tune.wrt=[controller.alpha]"], "tune.wrt: got controller.alpha without bounds"),
+        (TuneConfig, "tune", ["tune.wrt=[controller.alpha]"], "tune.wrt: got controller.alpha, expected one of v_max"),
+        (TuneConfig, "tune", ["controller=navigation", "tune.wrt=[controller.mppi.gamma]"],
+         "tune.wrt: got controller.mppi.gamma without bounds|tune.bounds.*is not tuned"),
         (TuneConfig, "tune", ["controller=navigation", "tune.wrt=[kappa]"],
          "tune.bounds.kappa: got|tune.wrt: got kappa"),
         (TuneConfig, "tune", ["controller=navigation", "tune.estimator=pathwise"],

@@ -101,7 +101,7 @@ class TestbedConfig(SimulationConfig):
         if not 1 <= scenario.num_robots <= 16:
             raise ValueError(f"scenario.start: got {scenario.num_robots} robots, expected 1 to 16")
         own = (self.zenoh if self.middleware == "zenoh" else self.dds).model_dump()
-        design = {name: float(value) for name, value in vars(self.baseline()).items()}
+        design = {name: float(value) for name, value in self.baseline().values().items()}
         return Plan(
             start=self.scenario.start, goal=self.scenario.goal, horizon=scenario.horizon,
             design=design | {"deadline": self.deadline_ms * 1e-3}, rules=vars(rules), middleware=self.middleware,

@@ -115,8 +115,12 @@ class TuneConfig(SimulationConfig):
         for name, pair in given.items():
             if name not in names and tuple(pair) != tuning.DEFAULT_BOUNDS.get(name, ()):
                 raise ValueError(f"tune.bounds.{name}: got {pair}, but tune.wrt is [{listed}]: {name} is not tuned")
-        for name in names:
-            if name not in CONTINUOUS and name not in given:
+        beside = [name for name in names if name not in CONTINUOUS]
+        known = [name for name, each in self.tunables().items() if beside and each.array and "." in name]
+        for name in beside:
+            if name not in known:
+                raise ValueError(f"tune.wrt: got {name}, expected one of {', '.join([*CONTINUOUS, *known])}")
+            if name not in given:
                 raise ValueError(f"tune.wrt: got {name} without bounds, expected tune.bounds.{name}=[low,high]")
         built = built_bounds("tune.bounds", {name: given[name] for name in names if name in given}, self)
         return tuning.Bounds(names, built)
