@@ -43,9 +43,9 @@ def built_bounds(
         if name in unread:
             raise ValueError(f"{option}.{name}: got {ends}, expected null: controller={config.controller.law} does not "
                              "read it")  # fmt: skip
-        if name not in CONTINUOUS and not (name in declared and declared[name].array):
-            known = ", ".join([*CONTINUOUS, *(each for each, own in declared.items() if own.array and "." in each)])
-            raise ValueError(f"{option}: got {name}, expected one of {known}")
+        known = [*CONTINUOUS, *(each for each, own in declared.items() if own.array and "." in each)]
+        if name not in known:
+            raise ValueError(f"{option}: got {name}, expected one of {', '.join(known)}")
         if len(ends) != 2 or not ends[0] < ends[1]:
             raise ValueError(f"{option}.{name}: got {ends}, expected [low, high] with low < high, or null")
         if name in declared:
