@@ -26,6 +26,26 @@ if __name__ == "__main__":
         time.sleep(60)
 """
 
+FAILS = """
+import sys
+import qocjax.commands.sweep as sweep
+sweep.run = lambda *_, **__: {}["gone"]
+sys.argv = ["qocjax.sweep", "sweep=kappa", "figures=false", "hydra.run.dir=" + sys.argv[1]]
+sweep.main()
+"""
+
+
+def test_what_no_check_foresaw_is_a_line_with_the_way_to_the_traceback(tmp_path: Path) -> None:
+    quiet = {name: value for name, value in os.environ.items() if name != "QOCJAX_TRACEBACK"}
+    for told, lines in ((quiet, 1), (quiet | {"QOCJAX_TRACEBACK": "1"}, None)):
+        done = subprocess.run([sys.executable, "-c", FAILS, str(tmp_path)], capture_output=True, text=True, check=False,
+                              env=told)  # fmt: skip
+        assert done.returncode != 0 and "KeyError: 'gone'" in done.stderr
+        if lines is None:
+            assert "Traceback" in done.stderr
+        else:
+            assert done.stderr.count("\n") == lines and "QOCJAX_TRACEBACK=1" in done.stderr, done.stderr
+
 
 def test_threads_that_are_shut_down_free_who_waits_for_them() -> None:
     threads, begun, go_on = ThreadPoolExecutor(1), Event(), Event()
@@ -36,7 +56,7 @@ def test_threads_that_are_shut_down_free_who_waits_for_them() -> None:
         return k
 
     def wait_for_all() -> None:
-        with suppress(CancelledError):
+        with suppress(CancelledError, RuntimeError):  # as it waits, or as it hands out the next piece
             list(side_by_side(piece, range(4), threads, 4))
 
     waiting = Thread(target=wait_for_all, daemon=True)

@@ -6,6 +6,7 @@ import functools
 import os
 import re
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -57,6 +58,10 @@ def command(
                 if os.environ.get("QOCJAX_TRACEBACK"):
                     raise
                 _fail(error)
+            except Exception as error:
+                if os.environ.get("QOCJAX_TRACEBACK"):
+                    raise
+                _fail(_unforeseen(error))
             except KeyboardInterrupt as stop:
                 print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
                 sys.exit(130)
@@ -129,6 +134,13 @@ def _fail(error: Exception) -> NoReturn:
         text = re.sub(lines, line, text)
     print(f"error: {text if len(text) <= _LONGEST else text[:_LONGEST] + ' ...'}", file=sys.stderr)
     sys.exit(2)
+
+
+def _unforeseen(error: Exception) -> ValueError:
+    """What no check foresaw, in a line: its kind, what it says, where it was raised, and how to see the rest."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return ValueError(f"{said} ({at.filename}, line {at.lineno}); QOCJAX_TRACEBACK=1 shows the traceback, to report it")
 
 
 def _first_given(*values: Any) -> Any:
