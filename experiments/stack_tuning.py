@@ -35,7 +35,7 @@ STEP = 0.25  # of a parameter's logarithm
 
 
 def main(scenes: list[str]) -> None:
-    """Tunes and judges in each scene; writes a table of what was found and one of what matters."""
+    """Tunes and judges in each scene, then asks what matters around what was found; a table of each."""
     for scene in scenes:
         with initialize_config_dir(str(conf_dir()), version_base="1.3"):
             config = load(CodesignConfig, compose("codesign", ["controller=navigation", f"scenario={scene}"]))
@@ -49,13 +49,11 @@ def main(scenes: list[str]) -> None:
         table["simulations"] = problem.objective.simulations
         table["core_seconds"] = time.process_time() - begin
         _write("stack_tuning", scene, table)
-        print(table.T.to_string())
-        matters = pd.concat(
-            [_matters(problem, of, design) for of, design in (("defaults", defaults), ("tuned", found.design))]
-        )
+        print(table.T.to_string(), flush=True)
+        matters = _matters(problem, found.design)
         matters.insert(0, "scene", scene)
         _write("stack_matters", scene, matters)
-        print(matters.to_string(index=False))
+        print(matters.to_string(index=False), flush=True)
 
 
 def _defaults(problem: Problem, axis: list[float]) -> Design:
