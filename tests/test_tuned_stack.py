@@ -103,7 +103,8 @@ def test_advice_takes_bounds_of_the_stack() -> None:
     options = ["controller=navigation", "+advise.bounds.controller.inflation.cost_scaling_factor=[2,20]"]
     given = config(AdviseConfig, "advise", *options)
     assert given.bounds()["controller.inflation.cost_scaling_factor"] == (2, 20)
-    assert given.current().others == {"controller.inflation.cost_scaling_factor": 10.0}
+    assert given.current().others["controller.inflation.cost_scaling_factor"] == 10.0
+    assert set(given.current().others) == set(given.bounds()) - {"v_max"}
     assert isinstance(given.current(), Design)
 
 
