@@ -18,6 +18,7 @@ from qocjax.config import conf_dir, load
 from qocjax.config.study import StudyConfig, build_problem
 from qocjax.controllers import Cbf
 from qocjax.figures.joint_map import joint_map
+from qocjax.figures.study import _stem
 from qocjax.navigation import NavigationStack, open_floor
 from qocjax.navigation.varied import value_at, varied
 from qocjax.report.planes import best_chart, plane_chart
@@ -177,7 +178,7 @@ def test_pictures_of_several_parameters_show_the_table() -> None:
         (["+sweep.grids.loop.hold_timeout=[1]"], "got it with loop.hold=hold, which does not read it"),
         (["+sweep.grids.network.edge.workers=[1]"], "got it with network.edge.discipline=unlimited"),
         (["+sweep.grids.robot.radius=[0]"], "robot.radius: got .*0.0.*, expected > 0"),
-        (["+sweep.grids.scenario.horizon=[0.01]"], r"sweep.grids: got scenario.horizon=0.01: .*tau|tau: got"),
+        (["+sweep.grids.scenario.horizon=[0.01]"], r"tau: got \[0.1, 0.1\], expected <= 0.01"),
         (["+sweep.grids.kappa=[1]", "+sweep.grids.controller.kappa=[1]"], "expected one grid of a parameter"),
         (["+sweep.grids.kappa=[1]", "sweep.axes=[kappa]"], "sweep.axes: got .*, expected two or more"),
         (["+sweep.grids.kappa=[1]", "sweep.axes=[kappa,eta]"], "sweep.axes: got 'eta', expected one of kappa"),
@@ -207,7 +208,13 @@ def test_the_page_on_parameters_names_what_is_declared() -> None:
     text = (Path(__file__).parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
     for each in (*ROBOT, *LOOP, *APF, *CBF, *NETWORK):
         name = design_name(each.name)
-        assert f"`{name}`" in text or name in ("loop.plan_length", "deadline"), each.name
+        assert f"`{name}`" in text or name == "deadline", each.name
     for each in NAVIGATION:
         if each.array and ".critics." not in each.name:
             assert f"`{each.name.removeprefix('controller.')}`" in text, each.name
+
+
+def test_files_of_options_with_like_names_do_not_fall_on_one_another() -> None:
+    every = ["robot.ax_max", "controller.mppi.ax_max", "kappa", "controller.mppi.temperature"]
+    found = [_stem("qoc", [name], every) for name in every]
+    assert found == ["qoc_robot.ax_max", "qoc_controller.mppi.ax_max", "qoc_kappa", "qoc_temperature"]

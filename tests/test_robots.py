@@ -231,6 +231,10 @@ def test_the_example_in_batches_and_from_the_command_line(tmp_path: Path, monkey
     again = [*line[:3], "resume=out"]
     done = subprocess.run(again, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8", timeout=300)
     assert done.returncode == 0, done.stderr
+    with (tmp_path / "lag.py").open("a") as file:
+        file.write("# another robot\n")
+    done = subprocess.run(again, cwd=tmp_path, env=environment, capture_output=True, encoding="utf-8", timeout=300)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
 
 
 # --- the configuration, and what is refused
@@ -278,9 +282,10 @@ def test_a_study_leaves_out_what_a_robot_does_not_read() -> None:
         (["robot=ackermann", "robot.wheelbase=long"], r"wheelbase: got 'long' \(str\), expected a real number"),
         (
             ["robot._target_=my.own.Robot"],
-            r"robot._target_: got my.own.Robot, expected the full name of a class.*No module",
+            r"robot._target_: got my.own.Robot, but there is no module my, expected one that Python finds",
         ),
-        (["robot._target_=Robot"], r"robot._target_: got Robot, expected the full name of a class"),
+        (["robot._target_=Robot"], r"robot._target_: got 'Robot', expected a class by its full name"),
+        (["robot._target_=qocjax.robots.Robots"], r"robot._target_: .* has no Robots, expected a class"),
         (["robot._target_=qocjax.robots.Pose"], r"robot._target_: got qocjax.robots.Pose, .* a Robot and a dataclass"),
         (
             ["robot._target_=qocjax.robots.Robot"],

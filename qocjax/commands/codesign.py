@@ -111,7 +111,7 @@ def _beside(config: CodesignConfig) -> Grid:
 
 def _check_methods(config: CodesignConfig) -> None:
     """Checks the methods' names, and that the law has derivatives where they are asked for."""
-    smooth = config.build_controller().smooth
+    smooth = config.controller.declares().smooth
     known = [name for name in METHODS if smooth or not name.endswith("gradient")]
     for method in [*config.search.methods, *([config.front.method] if config.front else [])]:
         if method not in known:

@@ -38,12 +38,11 @@ def built_bounds(
     free = {design_name(name): ends for name, ends in given.items() if ends is not None}
     free = {name: ends for name, ends in free.items() if name not in config.robot.unread}
     declared = config.tunables() if any(name not in CONTINUOUS for name in free) else {}
-    unread = config.unread() if free else ()
+    known = [*CONTINUOUS, *(each for each, own in declared.items() if own.array and "." in each)]
     for name, ends in free.items():
-        if name in unread:
+        if name in config.controller.declares().unread:
             raise ValueError(f"{option}.{name}: got {ends}, expected null: controller={config.controller.law} does not "
                              "read it")  # fmt: skip
-        known = [*CONTINUOUS, *(each for each, own in declared.items() if own.array and "." in each)]
         if name not in known:
             raise ValueError(f"{option}: got {name}, expected one of {', '.join(known)}")
         if len(ends) != 2 or not ends[0] < ends[1]:

@@ -59,6 +59,10 @@ class ApfConfig(Part):
         """Values of the baseline design."""
         return self.model_dump(exclude={"law"})
 
+    def declares(self) -> Any:
+        """The law or its class, which says what may be chosen of it and what it reads; reads no file."""
+        return Apf
+
     def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> Controller:
         """The surrogate law, which knows no map."""
         return Apf()
@@ -77,6 +81,10 @@ class CbfConfig(Part):
     def gains(self) -> dict[str, float]:
         """Values of the baseline design; the law reads no repulsion gain."""
         return self.model_dump(exclude={"law", "alpha"})
+
+    def declares(self) -> Any:
+        """The law or its class, which says what may be chosen of it and what it reads; reads no file."""
+        return Cbf
 
     def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> Controller:
         """The law, which knows no map."""
@@ -161,6 +169,10 @@ class NavigationConfig(Part):
     def gains(self) -> dict[str, float]:
         """Values of the baseline design; the stack reads neither, the yardstick and the time of arrival do."""
         return {"kappa": self.kappa, "d_safe": self.d_safe}
+
+    def declares(self) -> Any:
+        """The law or its class, which says what may be chosen of it and what it reads; reads no file."""
+        return NavigationStack
 
     def build(self, scenario: Scenario, map_name: str | None, wz_max: float, release: str = "jazzy") -> NavigationStack:
         """The stack on a map, or on open floor.

@@ -57,6 +57,10 @@ class CustomConfig(Part):
                                  f"{name!r} in {self.target}.unread")  # fmt: skip
         return given
 
+    def declares(self) -> Any:
+        """The law or its class, which says what may be chosen of it and what it reads; reads no file."""
+        return self.made()
+
     def made(self) -> Controller:
         """The law.
 

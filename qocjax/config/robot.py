@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from importlib import import_module
 from typing import Any
 
 from pydantic import ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from qocjax.config.part import Part
+from qocjax.config.target import class_of
 from qocjax.robots import Acceleration, Robot
+from qocjax.store.sources import source_of
 
 __all__ = ["RobotConfig"]
 
@@ -55,7 +56,9 @@ class RobotConfig(Part):
         if found and "acceleration" not in known:
             name, value = next(iter(found.items()))
             raise ValueError(f"robot.{name}: got {value:g}, but {kind.__name__} obeys commands at once, expected null")
-        return kind(**given, **({"acceleration": Acceleration(**found)} if found else {}))
+        robot = kind(**given, **({"acceleration": Acceleration(**found)} if found else {}))
+        source_of(robot)  # takes note of the file as it is now
+        return robot
 
     def kind(self) -> type[Robot]:
         """The class of the robot.
@@ -63,15 +66,11 @@ class RobotConfig(Part):
         Raises:
             ValueError: There is none of this name.
         """
-        module, _, name = self.target.rpartition(".")
-        wanted = f"robot._target_: got {self.target}, expected the full name of a class, such as qocjax.robots.Unicycle"
-        try:
-            found: Any = getattr(import_module(module), name)
-        except (ImportError, AttributeError, ValueError) as error:
-            raise ValueError(f"{wanted}: {error}") from None
-        if isinstance(found, type) and issubclass(found, Robot) and hasattr(found, "__dataclass_fields__"):
+        found = class_of("robot._target_", self.target)
+        if issubclass(found, Robot) and hasattr(found, "__dataclass_fields__"):
             return found
-        raise ValueError(f"{wanted} that is a Robot and a dataclass")
+        raise ValueError(f"robot._target_: got {self.target}, expected the full name of a class, such as "
+                         "qocjax.robots.Unicycle, that is a Robot and a dataclass")  # fmt: skip
 
     @property
     def unread(self) -> tuple[str, ...]:

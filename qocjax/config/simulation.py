@@ -147,11 +147,7 @@ class SimulationConfig(Part):
 
     def tunables(self) -> dict[str, Tunable]:
         """What the parts declare may be chosen, by name in a design."""
-        return by_name((*ROBOT, *LOOP, *NETWORK, *self.build_controller().tunables))
-
-    def unread(self) -> tuple[str, ...]:
-        """Values of a design that the law does not read."""
-        return self.build_controller().unread
+        return by_name((*ROBOT, *LOOP, *NETWORK, *self.controller.declares().tunables))
 
     def baseline_with(self, names: Iterable[str]) -> Design:
         """The baseline with values of some parameters, by name in a design, beside the model's own.

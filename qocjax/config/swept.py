@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 from pydantic import BeforeValidator
 
 from qocjax import _checks
-from qocjax.config.options import flat, number_at
+from qocjax.config.options import flat
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
@@ -76,20 +75,20 @@ class SweptConfig(SimulationConfig):
             ValueError: One is no number of the configuration, or a value is none that it takes.
         """
         beside = {name: values for name, values in self.grids().items() if name not in DESIGN}
-        declared, others = self.tunables() if beside else {}, dict[str, float]()
+        if missing := next((name for name in beside if "." not in name), None):
+            known = ", ".join(own for own in DESIGN if own != "deadline")
+            raise ValueError(f"sweep.grids: got {missing}, expected one of {known}, or an option by its full name, "
+                             "such as loop.hold_timeout")  # fmt: skip
+        try:
+            baseline = self.baseline_with(beside)
+        except ValueError as error:
+            raise ValueError(f"sweep.grids.{error}") from None
+        declared = self.tunables() if beside else {}
         for name, values in beside.items():
-            try:
-                others[name] = number_at(self, name)
-            except ValueError as error:
-                if "." in name:
-                    raise ValueError(f"sweep.grids.{error}") from None
-                known = ", ".join(own for own in DESIGN if own != "deadline")
-                raise ValueError(f"sweep.grids: got {name}, expected one of {known}, or an option by its full name, "
-                                 "such as loop.hold_timeout") from None  # fmt: skip
             self._check_read(name)
             if name in declared:
                 declared[name].check(np.asarray(values, float))
-        return replace(self.baseline(), others=others)
+        return baseline
 
     def _check_read(self, name: str) -> None:
         """Refuses what is swept but not read.

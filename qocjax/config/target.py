@@ -1,4 +1,4 @@
-"""A law from the full name of its class: what may be wrong with it, in one line each."""
+"""A class from outside by its full name, and a law made of one: what may be wrong with it, in one line each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from qocjax.controllers.trial import failure_text
 from qocjax.scenario import CONTINUOUS
 from qocjax.store.sources import source_of
 
-__all__ = ["GAINS", "law_of"]
+__all__ = ["GAINS", "class_of", "law_of"]
 
 GAINS = ("kappa", "eta", "gamma", "c_miss", "d_safe")  # values of a design that a law has in its configuration
 
@@ -35,7 +35,7 @@ def law_of(target: str, arguments: str) -> Controller:
     Raises:
         ValueError: There is no such class, it is no controller, or it does not take the arguments.
     """
-    kind = _class(target)
+    kind = _law_class(target)
     given = {name: _plain(name, value) for name, value in json.loads(arguments).items()}
     _check_arguments(target, kind, given)
     try:
@@ -49,34 +49,48 @@ def law_of(target: str, arguments: str) -> Controller:
     return law
 
 
-def _class(target: str) -> type:
-    module, name = _module(target)
-    found = getattr(module, name, None)
-    if not isinstance(found, type):
-        own = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__
-               and isinstance(value, type)]  # fmt: skip
-        what = f"{module.__name__} has no {name}" if found is None else f"that is a {type(found).__name__}"
-        raise ValueError(f"{_OPTION}: got {target}, but {what}, expected a class"
-                         + (f", such as {', '.join(sorted(own))}" if own else ""))  # fmt: skip
+def class_of(option: str, target: str) -> type:
+    """The class of a full name, its module imported.
+
+    Args:
+        option: That names it, for messages.
+        target: The name.
+
+    Raises:
+        ValueError: There is no such module or class, or the module fails; one line.
+    """
+    module, _, name = target.rpartition(".")
+    if not module or not all(part.isidentifier() for part in target.split(".")):
+        raise ValueError(f"{option}: got {target!r}, expected a class by its full name, such as my.module.Class")
+    within = _imported(option, target, module)
+    found = getattr(within, name, None)
+    if isinstance(found, type):
+        return found
+    own = [key for key, value in vars(within).items() if getattr(value, "__module__", "") == module
+           and isinstance(value, type)]  # fmt: skip
+    what = f"{module} has no {name}" if found is None else f"that is a {type(found).__name__}"
+    raise ValueError(f"{option}: got {target}, but {what}, expected a class"
+                     + (f", such as {', '.join(sorted(own))}" if own else ""))  # fmt: skip
+
+
+def _imported(option: str, target: str, module: str) -> ModuleType:
+    try:
+        return importlib.import_module(module)
+    except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            raise ValueError(f"{option}: got {target}, but there is no module {error.name}, expected one that Python "
+                             "finds: installed, in PYTHONPATH or in the working folder, at each worker too"
+                             ) from None  # fmt: skip
+        raise ValueError(f"{option}: {module} failed as it was imported: {failure_text(error)}") from error
+
+
+def _law_class(target: str) -> type:
+    """The class of a law, with all methods of one."""
+    found = class_of(_OPTION, target)
     unwritten = getattr(found, "__abstractmethods__", ())
     if missing := [each for each in _METHODS if each in unwritten or not callable(getattr(found, each, None))]:
         raise ValueError(f"{_OPTION}: got {target}, which is no controller without {', '.join(missing)}, {_EXPECTED}")
     return found
-
-
-def _module(target: str) -> tuple[ModuleType, str]:
-    """The module of a class, imported, and the name of the class."""
-    module, _, name = target.rpartition(".")
-    if not module or not all(part.isidentifier() for part in target.split(".")):
-        raise ValueError(f"{_OPTION}: got {target!r}, expected a class by its full name, such as my.module.Law")
-    try:
-        return importlib.import_module(module), name
-    except Exception as error:
-        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
-            raise ValueError(f"{_OPTION}: got {target}, but there is no module {error.name}, expected one that Python "
-                             "finds: installed, in PYTHONPATH or in the working folder, at each worker too"
-                             ) from None  # fmt: skip
-        raise ValueError(f"{_OPTION}: {module} failed as it was imported: {failure_text(error)}") from error
 
 
 def _check_arguments(target: str, kind: type, given: dict[str, Any]) -> None:

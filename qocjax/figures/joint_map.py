@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from qocjax.figures.quantities import milliseconds, parameter
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, POLICIES, paper_style
 from qocjax.figures.tables import check_table, policy_rows, sweep_rows
+from qocjax.study.grid import axes_of
 
 __all__ = ["joint_map", "plane_at"]
 
@@ -41,7 +42,7 @@ def joint_map(
     Raises:
         ValueError: A table is empty, lacks a column or the sweep, or holds what cannot be drawn.
     """
-    axes = sweep.split(",")
+    axes = axes_of(sweep)
     check_table(results, "results", ("sweep", "deadline", "qoc", *axes))
     check_table(policies, "policies", ("sweep", "policy", "deadline", *axes))
     table, points = sweep_rows(results, "results", sweep), dict(policy_rows(policies, sweep))

@@ -8,6 +8,7 @@ from typing import Any
 
 from qocjax.batch.evaluate import unit_of
 from qocjax.scenario import DESIGN
+from qocjax.study.grid import axes_of, is_joint, values_of
 
 __all__ = [
     "DEADLINE_LABEL", "PARAMETERS", "RELIABILITY_LABEL", "Parameter", "is_parameter", "milliseconds", "parameter",
@@ -56,8 +57,8 @@ _BESIDE = {
 
 def parameter(name: str) -> Parameter:
     """A parameter by its name in a design; of several, `kappa,gamma`, the symbols in their order."""
-    axes = name.split(",")
-    if len(axes) > 1:
+    if is_joint(name):
+        axes = axes_of(name)
         names = ", ".join(parameter(each).name.lower() for each in axes)
         return Parameter(names.capitalize(), ", ".join(parameter(each).symbol for each in axes))
     if name in PARAMETERS or name in _BESIDE:
@@ -73,15 +74,12 @@ def short_name(name: str) -> str:
 
 def is_parameter(name: object) -> bool:
     """Whether a sweep may have that name."""
-    return isinstance(name, str) and all(each in DESIGN or "." in each for each in name.split(","))
+    return isinstance(name, str) and all(each in DESIGN or "." in each for each in axes_of(name))
 
 
 def value_text(row: Mapping[str, Any]) -> str:
     """The value of a row of results or policies in the displayed units; of several parameters each one's."""
-    axes = str(row["sweep"]).split(",")
-    if len(axes) == 1:
-        return parameter(axes[0]).format(row["value"])
-    return ", ".join(parameter(each).format(row[each]) for each in axes)
+    return ", ".join(parameter(axis).format(value) for axis, value in values_of(row).items())
 
 
 def milliseconds(seconds: float) -> str:

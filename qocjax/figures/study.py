@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -15,6 +17,7 @@ from qocjax.figures.policy_bars import policy_bars
 from qocjax.figures.qoc_map import qoc_map
 from qocjax.figures.quantities import short_name
 from qocjax.figures.trajectories import RunLike, trajectories
+from qocjax.study.grid import axes_of, is_joint
 
 __all__ = ["draw_study"]
 
@@ -43,20 +46,25 @@ def draw_study(
         The files, a PNG and a PDF of each figure.
     """
     sweeps = list(dict.fromkeys(results["sweep"]))
-    single = [sweep for sweep in sweeps if "," not in sweep]
+    single = [sweep for sweep in sweeps if not is_joint(sweep)]
+    stem = partial(_stem, every=[axis for sweep in sweeps for axis in axes_of(sweep)])
     lines = [sweep for sweep in single if sweep in ("eta", "tau")] or single
     figures = {
         "policies": partial(policy_bars, policies),
-        **({_stem("auc", lines): partial(auc_against_deadline, results, lines)} if lines else {}),
-        **{_stem("qoc", [sweep]): partial(qoc_map, results, policies, sweep, limit=limit) for sweep in single},
-        **{_stem("qoc", sweep.split(",")): partial(joint_map, results, policies, sweep)
-           for sweep in sweeps if "," in sweep},
+        **({stem("auc", lines): partial(auc_against_deadline, results, lines)} if lines else {}),
+        **{stem("qoc", [sweep]): partial(qoc_map, results, policies, sweep, limit=limit) for sweep in single},
+        **{stem("qoc", axes_of(sweep)): partial(joint_map, results, policies, sweep)
+           for sweep in sweeps if is_joint(sweep)},
         "trajectories": partial(trajectories, run),
     }  # fmt: skip
     return draw_all([(make, folder / name) for name, make in figures.items()], pool)
 
 
-def _stem(what: str, names: list[str]) -> str:
-    """The name of a file about some sweeps, options by the ends of their names; of many sweeps, their number."""
-    stem = "_".join([what, *(short_name(name) for name in names)])
+def _stem(what: str, names: Sequence[str], every: Sequence[str]) -> str:
+    """The name of a file about some sweeps; of many sweeps, their number.
+
+    Options go by the ends of their names, or whole where another of `every` ends alike.
+    """
+    short = Counter(map(short_name, dict.fromkeys(every)))
+    stem = "_".join([what, *(short_name(name) if short[short_name(name)] == 1 else name for name in names)])
     return stem if len(stem) <= 100 else f"{what}_{len(names)}_sweeps"

@@ -10,9 +10,9 @@ from jax import Array
 
 from qocjax.navigation.stack_parts import StackParts
 
-__all__ = ["VARIED", "value_at", "varied"]
+__all__ = ["value_at", "varied"]
 
-VARIED = "controller."  # what names of the stack's parameters begin with in a design
+_PART = "controller."  # what names of the stack's parameters begin with in a design
 
 T = TypeVar("T", bound=StackParts)
 
@@ -28,7 +28,7 @@ def varied(stack: T, values: Mapping[str, Array]) -> T:
         return stack
     kept = {"static": stack.static}
     for name, value in values.items():
-        stack = _with(stack, name.removeprefix(VARIED).split("."), value)
+        stack = _with(stack, name.removeprefix(_PART).split("."), value)
     vars(stack).update(kept)
     return stack
 
@@ -39,7 +39,7 @@ def value_at(part: Any, name: str) -> Any:
     Raises:
         AttributeError: There is none.
     """
-    for step in name.removeprefix(VARIED).split("."):
+    for step in name.removeprefix(_PART).split("."):
         part = _critic(part, step) if isinstance(part, tuple) else getattr(part, step)
     return part
 

@@ -7,10 +7,11 @@ from typing import Any
 
 from qocjax.figures.quantities import parameter
 from qocjax.report.html import escape, number
+from qocjax.study.grid import axes_of, is_joint, values_of
 
 __all__ = [
     "DEADLINE", "MARKERS", "RELIABILITY", "choice_words", "label", "name_of", "symbol", "unit", "value_cell",
-    "value_text",
+    "value_text", "values_words",
 ]  # fmt: skip
 
 DEADLINE = "Deadline Δ (ms)"
@@ -32,8 +33,8 @@ def name_of(sweep: str) -> str:
 
 def symbol(sweep: str) -> str:
     """A parameter's symbol; of several those of each."""
-    if "," in sweep:
-        return ", ".join(symbol(each) for each in sweep.split(","))
+    if is_joint(sweep):
+        return ", ".join(symbol(each) for each in axes_of(sweep))
     return _SYMBOLS.get(sweep) or escape(parameter(sweep).symbol)
 
 
@@ -54,23 +55,15 @@ def value_text(sweep: str, value: float, *, with_unit: bool = False) -> str:
 
 
 def value_cell(row: Mapping[str, Any], prefix: str = "") -> str:
-    """The value of a row of results or policies with its unit; of several parameters each one's.
-
-    Args:
-        row: With its sweep and `value`, or a column for each of several parameters.
-        prefix: Of these columns.
-    """
-    axes = str(row["sweep"]).split(",")
-    columns = ["value"] if len(axes) == 1 else axes
-    pairs = zip(axes, columns, strict=True)
-    return ", ".join(value_text(axis, row[f"{prefix}{column}"], with_unit=True) for axis, column in pairs)
+    """The value of a row of results or policies with its unit, see `values_of`; of several parameters each one's."""
+    return ", ".join(value_text(axis, value, with_unit=True) for axis, value in values_of(row, prefix).items())
 
 
 def choice_words(row: Mapping[str, Any], prefix: str = "") -> str:
     """As `value_cell`, each value behind its symbol: `κ = 2 1/s`."""
-    axes = str(row["sweep"]).split(",")
-    columns = ["value"] if len(axes) == 1 else axes
-    return ", ".join(
-        f"{symbol(axis)} = {value_text(axis, row[f'{prefix}{column}'], with_unit=True)}"
-        for axis, column in zip(axes, columns, strict=True)
-    )
+    return values_words(values_of(row, prefix))
+
+
+def values_words(values: Mapping[str, Any]) -> str:
+    """Values by parameter, each behind its symbol."""
+    return ", ".join(f"{symbol(axis)} = {value_text(axis, value, with_unit=True)}" for axis, value in values.items())

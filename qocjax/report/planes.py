@@ -10,7 +10,8 @@ import pandas as pd
 from qocjax.figures.joint_map import plane_at
 from qocjax.report.charts import axis, colour_scale, layout
 from qocjax.report.html import number
-from qocjax.report.labels import MARKERS, label, symbol, value_text
+from qocjax.report.labels import MARKERS, label, symbol, value_text, values_words
+from qocjax.study.grid import axes_of
 
 __all__ = ["best_chart", "plane_chart"]
 
@@ -25,7 +26,7 @@ def plane_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str) -> di
         policies: Table of its policies.
         sweep: Names of the parameters, separated by commas.
     """
-    rows, first = results[results["sweep"] == sweep], sweep.split(",")[:2]
+    rows, first = results[results["sweep"] == sweep], axes_of(sweep)[:2]
     axes = (first[0], first[1])
     deadlines = np.unique(rows["deadline"])
     chosen = policies[(policies["sweep"] == sweep) & policies["qoc"].notna()].to_dict("records")
@@ -55,10 +56,9 @@ def plane_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str) -> di
 
 def best_chart(results: pd.DataFrame, sweep: str) -> dict[str, Any]:
     """QoC of the best combination at each deadline, with one standard error, and which it is."""
-    rows, axes = results[results["sweep"] == sweep], sweep.split(",")
+    rows, axes = results[results["sweep"] == sweep], axes_of(sweep)
     best = rows.loc[rows.groupby("deadline")["qoc"].idxmax().dropna()].sort_values("deadline")
-    words = [", ".join(f"{symbol(name)} = {value_text(name, row[name], with_unit=True)}" for name in axes)
-             for row in best.to_dict("records")]  # fmt: skip
+    words = [values_words({name: row[name] for name in axes}) for row in best.to_dict("records")]
     line = {
         "type": "scatter", "mode": "lines+markers", "x": 1e3 * best["deadline"].to_numpy(), "y": best["qoc"].to_numpy(),
         "error_y": {"type": "data", "array": np.nan_to_num(best["qoc_se"].to_numpy(), posinf=0.0), "thickness": 1},

@@ -26,7 +26,7 @@ class Replay:
 
     sweep: str
     policy: str
-    values: Mapping[str, float]  # `value`, or that of each parameter of a sweep of several
+    values: Mapping[str, float]  # of what the sweep varies, by parameter
     deadline: float  # s
     reliability: float
     tau: float  # s

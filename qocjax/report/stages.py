@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qocjax.report.html import escape, number, percent
-from qocjax.report.labels import choice_words, name_of, symbol
+from qocjax.report.labels import name_of, symbol, values_words
 from qocjax.report.policies import mark
 from qocjax.report.replay import Replay
 
@@ -55,7 +55,7 @@ def replay_html(replays: Sequence[Replay], text: str, choice: str = "Sweep") -> 
 
 def _stage(index: int, each: Replay, shown: bool) -> str:
     run = each.run
-    near, choice = float(run.min_distance), choice_words({"sweep": each.sweep} | dict(each.values))
+    near, choice = float(run.min_distance), values_words(each.values)
     distance = f", nearest {number(near, '.3f')} m" if np.isfinite(near) else ""
     warn = ' <strong class="warn">(closer than two radii)</strong>' if bool(run.collided) else ""
     return (

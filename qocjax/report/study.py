@@ -23,6 +23,7 @@ from qocjax.report.policies import headline, limit_notes, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
+from qocjax.study.grid import is_joint
 from qocjax.study.hanging import Hanging
 from qocjax.study.ties import tie_lines
 
@@ -66,7 +67,7 @@ def write_study_report(path: Path, page: StudyPage) -> Path:
         "late": late_chart(page.completion, page.policies),
     }
     for sweep in sweeps:
-        if "," in sweep:
+        if is_joint(sweep):
             charts[f"qoc-{sweep}"] = plane_chart(page.results, page.policies, sweep)
             charts[f"auc-{sweep}"] = best_chart(page.results, sweep)
         else:
@@ -182,7 +183,7 @@ def _hanging(hanging: Hanging) -> str:
 
 def _sweeps(results: pd.DataFrame, sweeps: Sequence[str], limit: float | None) -> str:
     panels = {sweep: _panel(results, sweep) for sweep in sweeps}
-    lines = [sweep for sweep in sweeps if "," not in sweep]
+    lines = [sweep for sweep in sweeps if not is_joint(sweep)]
     counts = {int(results.loc[results["sweep"] == sweep, "value"].nunique()) for sweep in lines}
     style = "".join(series_style(count) for count in sorted(counts))
     return (
@@ -194,7 +195,7 @@ def _sweeps(results: pd.DataFrame, sweeps: Sequence[str], limit: float | None) -
 
 def _panel(results: pd.DataFrame, sweep: str) -> str:
     """The two charts of a sweep."""
-    if "," in sweep:
+    if is_joint(sweep):
         names = ("QoC over two parameters", "QoC of the best combination")
         return (f'<div class="pair">{chart_place(f"qoc-{sweep}", names[0])}'
                 f"{chart_place(f'auc-{sweep}', names[1])}</div>")  # fmt: skip

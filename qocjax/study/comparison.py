@@ -16,7 +16,7 @@ from qocjax.statistics.scales import StudyScale, measured_scale
 from qocjax.statistics.scores import Scored, Scores, seed_scores, unpaired_scores
 from qocjax.statistics.units import units_in
 from qocjax.study.chosen import design_of, place_of
-from qocjax.study.grid import axes_of
+from qocjax.study.grid import axes_of, is_joint
 from qocjax.study.sweep import Study
 from qocjax.study.table import names_in
 
@@ -198,7 +198,7 @@ def _curves(name: str, study: Study, scale: QocScale) -> pd.DataFrame:
     designs = pd.DataFrame({each: runs[each].values for each in names})
     designs["qoc"], designs["qoc_se"] = scores.mean(axis=1), standard_error(scores, units=units_in(runs))
     rows = study.results[["sweep", "value", "reliability", *names]].merge(designs, on=names, how="left")
-    axes = list(dict.fromkeys(axis for sweep in rows["sweep"].unique() for axis in axes_of(sweep) if "," in sweep))
+    axes = list(dict.fromkeys(axis for sweep in rows["sweep"].unique() for axis in axes_of(sweep) if is_joint(sweep)))
     best = rows.dropna(subset=["qoc"]).groupby(["sweep", "deadline"], sort=False)["qoc"].idxmax()
     kept = rows.loc[best, ["sweep", "deadline", "value", *axes, "reliability", "qoc", "qoc_se"]].reset_index(drop=True)
     kept.insert(0, "study", name)

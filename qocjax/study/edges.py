@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from qocjax.study.grid import axes_of
+from qocjax.study.grid import axes_of, is_joint
 
 __all__ = ["at_bounds", "bounds_text", "edges_of", "edges_text"]
 
@@ -69,7 +69,7 @@ def edges_text(policies: pd.DataFrame) -> str:
     at: dict[str, list[str]] = {}
     for row in policies.to_dict("records"):
         for end in filter(None, row["at_edge"].split(", ")):
-            name = f"{end} in {row['sweep']}" if end.endswith(" deadline") or "," in row["sweep"] else end
+            name = f"{end} in {row['sweep']}" if end.endswith(" deadline") or is_joint(row["sweep"]) else end
             at.setdefault(name, []).append(row["policy"])
     ends = "; ".join(f"{end} ({', '.join(names)})" for end, names in at.items())
     return f"at an end of what was tried, the best may lie beyond: {ends}" if ends else ""

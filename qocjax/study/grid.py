@@ -12,7 +12,7 @@ import numpy as np
 from qocjax import _checks
 from qocjax.scenario import Design
 
-__all__ = ["SWEPT", "Grid", "axes_of", "full_grid", "one_at_a_time", "value_words"]
+__all__ = ["SWEPT", "Grid", "axes_of", "full_grid", "is_joint", "one_at_a_time", "value_words", "values_of"]
 
 SWEPT = ("v_max", "eta", "tau", "kappa", "gamma", "c_miss")
 
@@ -38,16 +38,25 @@ def axes_of(sweep: str) -> tuple[str, ...]:
     return tuple(sweep.split(","))
 
 
-def value_words(row: Mapping[str, Any], prefix: str = "") -> str:
-    """The value of a row of results or policies for a reader; of several parameters each one's, in their order.
+def is_joint(sweep: str) -> bool:
+    """Whether a sweep varies several parameters at once."""
+    return len(axes_of(sweep)) > 1
+
+
+def values_of(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """The values of what its sweep varies in a row of results or policies, by parameter.
 
     Args:
         row: With its sweep and the column `value`, or a column for each of several parameters.
         prefix: Of these columns.
     """
     axes = axes_of(str(row["sweep"]))
-    columns = ["value"] if len(axes) == 1 else axes
-    return ", ".join(f"{row[f'{prefix}{name}']:g}" for name in columns)
+    return {axis: row[f"{prefix}{'value' if len(axes) == 1 else axis}"] for axis in axes}
+
+
+def value_words(row: Mapping[str, Any], prefix: str = "") -> str:
+    """The value of a row for a reader, see `values_of`; of several parameters each one's, in their order."""
+    return ", ".join(f"{value:g}" for value in values_of(row, prefix).values())
 
 
 def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadlines: Sequence[float]) -> Grid:

@@ -14,7 +14,7 @@ from qocjax.statistics.estimates import estimate, share
 from qocjax.statistics.scores import Scores
 from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
-from qocjax.study.grid import axes_of
+from qocjax.study.grid import axes_of, is_joint
 from qocjax.study.parts import PartRuns
 
 __all__ = ["judged_policies"]
@@ -58,7 +58,7 @@ def judged_policies(
         place, first, free = (None if row is None else places[row] for row in (pick.row, base[pick.sweep], pick.free))
         point = results.loc[pick.row] if pick.row is not None else dict.fromkeys(results.columns, np.nan)
         line: dict[str, Any] = {"sweep": pick.sweep, "policy": pick.policy}
-        axes = _joint(pick.sweep)
+        axes = axes_of(pick.sweep) if is_joint(pick.sweep) else ()  # of one alone the value says it
         line |= {name: point[name] for name in ("value", *axes, "deadline", "reliability", "reliability_se")}
         line |= {"qoc_selection": point["qoc"]} | shown.metrics(place) | shown.gap(place, first)
         line["within_limit"] = limit is None or bool(pick.kept and line["collision_high"] <= limit)
@@ -75,12 +75,6 @@ def judged_policies(
         table.append(line)
     frame = pd.DataFrame(table)
     return (frame.fillna({"error": ""}) if "error" in frame else frame), chosen
-
-
-def _joint(sweep: str) -> tuple[str, ...]:
-    """The parameters of a sweep of several; none of one alone, whose value says it."""
-    axes = axes_of(sweep)
-    return axes if len(axes) > 1 else ()
 
 
 class _Shown:

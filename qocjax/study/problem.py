@@ -55,9 +55,9 @@ class Problem:
     apart: tuple[str, ...] = ()
 
     def data(self) -> str:
-        """Digest of what it holds beside its options: measured delays, maps, the file of a law from outside."""
-        source = source_of(self.controller)
-        own = (self.network, self.controller, *(() if source is None else (source.get("digest"),)))
+        """Digest of what it holds beside its options: measured delays, maps, files of a law or robot from outside."""
+        sources = [source_of(each) for each in (self.controller, self.scenario.robot)]
+        own = (self.network, self.controller, *(each.get("digest") for each in sources if each is not None))
         others = {repr(key): (setup.network, setup.controller) for key, setup in self.setups.items()}
         return content_digest((*own, others) if others else own)
 

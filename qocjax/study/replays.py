@@ -18,7 +18,7 @@ from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
 from qocjax.simulate import Run, simulate
 from qocjax.study.chosen import design_of, place_of
-from qocjax.study.grid import axes_of
+from qocjax.study.grid import values_of
 from qocjax.study.problem import Problem
 from qocjax.study.replay import replay
 from qocjax.study.sweep import Study
@@ -34,7 +34,7 @@ class PolicyRun:
 
     sweep: str
     policy: str
-    values: Mapping[str, float]  # `value`, or that of each parameter of a sweep of several
+    values: Mapping[str, float]  # of what the sweep varies, by parameter
     design: Design
     reliability: float
     seed: int
@@ -115,14 +115,9 @@ def policy_runs(study: Study, problem: Problem) -> list[PolicyRun]:
     seed = _median_seed(study, chosen[0][1])
     runs = _in_setups(problem, [design for _, design in chosen], seed)
     return [
-        PolicyRun(row["sweep"], row["policy"], _values(row), design, row["reliability"], seed, run)
+        PolicyRun(row["sweep"], row["policy"], values_of(row), design, row["reliability"], seed, run)
         for (row, design), run in zip(chosen, runs, strict=True)
     ]
-
-
-def _values(row: Mapping[str, Any]) -> dict[str, float]:
-    axes = axes_of(row["sweep"])
-    return {name: float(row[name]) for name in (("value",) if len(axes) == 1 else axes)}
 
 
 def _in_setups(problem: Problem, designs: Sequence[Design], seed: int) -> list[Run]:
