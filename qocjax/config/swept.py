@@ -79,6 +79,7 @@ class SweptConfig(SimulationConfig):
             known = ", ".join(own for own in DESIGN if own != "deadline")
             raise ValueError(f"sweep.grids: got {missing}, expected one of {known}, or an option by its full name, "
                              "such as loop.hold_timeout")  # fmt: skip
+        self.baseline()  # refused first, as no grid is to blame for what is wrong with it
         try:
             baseline = self.baseline_with(beside)
         except ValueError as error:
