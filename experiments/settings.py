@@ -14,7 +14,8 @@ from qocjax.network.edge_network import Path
 from qocjax.study.chosen import place_of
 from qocjax.study.policies import MIN_RELIABILITY
 from qocjax.study.reliability import reliability_of
-from qocjax.study.sweep import Study, qoc_by_seed
+from qocjax.study.study import Study
+from qocjax.study.sweep import qoc_by_seed
 
 FIRST_SEED = 10_000  # far from the seeds of the studies
 AXIS_MS = np.arange(0, 801, 20)

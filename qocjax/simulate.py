@@ -15,13 +15,14 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from qocjax import _checks
+from qocjax._card import card
 from qocjax._math import EXACT
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
-from qocjax.scenario import Design, Scenario, check_tau, num_ticks
+from qocjax.scenario import Design, Scenario, check_times, num_ticks
 from qocjax.tunables import check_others
 
 __all__ = ["Run", "check_start", "simulate"]
@@ -30,7 +31,7 @@ _USUAL_SLOTS = 128  # commands under way, enough for deadlines of a second and m
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """One simulated run and its metrics."""
 
@@ -56,6 +57,29 @@ class Run:
     robot_radius: Array  # m
     report: dict[str, Array]  # the controller's own numbers, each [N]
     view: Any  # what the controller records of each instant; leaves [P, ...]
+
+    def __repr__(self) -> str:
+        """What it came to, in a line."""
+        return f"Run({', '.join(f'{name} {value}' for name, value in self._facts().items())})"
+
+    def _repr_html_(self) -> str:
+        """What it came to, and each robot's metrics, for notebooks."""
+        by_robot = {"J_i (s)": self.auc, "path (m)": self.path_length, "arrives (s)": self.arrival_time}
+        table = pd.DataFrame({name: np.asarray(value) for name, value in by_robot.items()}).rename_axis("robot")
+        return card("Run", self._facts(), table.reset_index())
+
+    def _facts(self) -> dict[str, str]:
+        if isinstance(self.auc, jax.core.Tracer) or np.ndim(self.auc) != 1:
+            return {"arrays of shape": str(np.shape(self.auc))}
+        instants, robots = np.shape(self.pose)[:2]
+        return {
+            "robots": f"{robots}",
+            "time": f"{float(np.asarray(self.time)[-1]):g} s, {instants - 1} ticks",
+            "Δ": f"{float(self.deadline) * 1e3:g} ms",
+            "loops completed": f"{float(self.completed_share):.1%}",
+            "AUC": f"{float(np.mean(self.auc)):.4g} s",
+            "smallest distance": f"{float(self.min_distance):.3g} m" + (", collided" if self.collided else ""),
+        }
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per instant and robot: time, robot, x, y, heading, nu, omega, age (NaN at the last instant).
@@ -175,7 +199,7 @@ def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLik
             raise ValueError("loop_times: got NaN or a negative time, expected seconds >= 0 (inf where lost)")
     shape = np.shape(loop_times)
     if _checks.is_concrete(design.tau):
-        check_tau(scenario, design.tau)
+        check_times(scenario, design.tau, design.deadline)
         wanted = (num_ticks(scenario.horizon, float(np.asarray(design.tau))), scenario.num_robots)
         if shape != wanted:
             raise ValueError(f"loop_times: got shape {shape}, expected {wanted}: (horizon / tau, robots)")

@@ -27,6 +27,7 @@ from qocjax.figures.compared import compared
 from qocjax.statistics.estimates import unpaired
 from qocjax.store import write_config
 from qocjax.study.comparison import compare
+from qocjax.study.opened import open_sweep
 
 SMALL = [
     "sweep=kappa", "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[100,200,800]", "sweep.seeds=4",
@@ -54,7 +55,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture(scope="module")
 def studies(folders: dict[str, Path]) -> dict[str, Study]:
-    return {name: open_study(folder) for name, folder in folders.items()}
+    return {name: open_sweep(folder) for name, folder in folders.items()}
 
 
 def pick(studies: dict[str, Study], *names: str) -> dict[str, Study]:
@@ -271,7 +272,7 @@ def test_the_folder_of_another_command_is_called_what_it_is(command: str, tmp_pa
     write_config(tmp_path, config)
     (tmp_path / "record.json").write_text("{}")
     with pytest.raises(ValueError, match=rf"got what python -m qocjax\.{command} wrote, expected the folder"):
-        open_study(tmp_path)
+        open_sweep(tmp_path)
 
 
 def test_the_folder_of_several_runs_is_called_what_it_is(tmp_path: Path) -> None:

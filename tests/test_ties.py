@@ -8,7 +8,8 @@ import pytest
 
 from qocjax import Design, Scenario, one_at_a_time, paper_network, run_study
 from qocjax.statistics.estimates import paired
-from qocjax.study.sweep import Study, qoc_by_seed
+from qocjax.study.study import Study
+from qocjax.study.sweep import qoc_by_seed
 from qocjax.study.ties import tie_lines
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)

@@ -21,7 +21,7 @@ from qocjax.batch.runner import Measure, Runner, metrics
 from qocjax.controllers import Apf, Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
-from qocjax.scenario import Design, Scenario, check_tau
+from qocjax.scenario import Design, Scenario, check_times
 from qocjax.simulate import check_start
 from qocjax.tunables import APF, CBF, LOOP, NAVIGATION, NETWORK, ROBOT, by_name, check_others
 
@@ -223,7 +223,7 @@ def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
         raise ValueError(f"designs: got {shapes}, expected one common length G") from None
     if len(shape) > 1 or 0 in shape:
         raise ValueError(f"designs: got values of shape {shape}, expected numbers or arrays [G] with G >= 1")
-    check_tau(scenario, values["tau"])
+    check_times(scenario, values["tau"], values["deadline"])
     return {name: np.broadcast_to(value, shape or (1,)) for name, value in values.items()}
 
 

@@ -21,9 +21,9 @@ from qocjax.figures.save import save
 from qocjax.report import write_comparison_report
 from qocjax.statistics.scales import scale_text
 from qocjax.store import provenance, write_config, write_json, write_table
-from qocjax.study import open_study
 from qocjax.study.comparison import Comparison, compare
 from qocjax.study.grid import value_words
+from qocjax.study.opened import open_sweep
 
 __all__ = ["as_options", "comparison_text", "main", "run"]
 
@@ -39,7 +39,7 @@ def run(config: CompareConfig, folder: Path | None = None) -> Comparison:
         ValueError: A folder holds no finished study, or the studies cannot be compared.
     """
     folders = config.build()
-    found = compare({name: open_study(each) for name, each in folders.items()})
+    found = compare({name: open_sweep(each) for name, each in folders.items()})
     if folder is not None:
         _write(found, config, folders, folder)
     return found

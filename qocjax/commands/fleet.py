@@ -40,7 +40,8 @@ from qocjax.study.chunks import Engine
 from qocjax.study.engine import LocalEngine
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of, share_text
-from qocjax.study.sweep import Study, study_of
+from qocjax.study.study import Study
+from qocjax.study.sweep import study_of
 
 __all__ = ["fleet_text", "main", "run"]
 

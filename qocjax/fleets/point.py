@@ -15,7 +15,7 @@ from qocjax.statistics.units import units_in
 from qocjax.study.chosen import design_at, place_of
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["BEST", "Point", "point_of"]
 

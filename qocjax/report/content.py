@@ -20,7 +20,7 @@ from qocjax.study.hanging import hanging_of
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import reliability_of
 from qocjax.study.replays import PolicyRun
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["study_page"]
 

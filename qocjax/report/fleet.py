@@ -34,7 +34,7 @@ from qocjax.store import provenance
 from qocjax.study.capacity import at_once_text
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, share_text
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["write_fleet_report"]
 

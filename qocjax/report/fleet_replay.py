@@ -12,7 +12,7 @@ from qocjax.report.replay import Replay
 from qocjax.simulate import Run
 from qocjax.study.problem import Problem
 from qocjax.study.replays import policy_runs
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["REPLAYED", "fleet_replays"]
 

@@ -12,7 +12,7 @@ from xarray.core import indexing
 
 from qocjax.batch.evaluate import unit_of
 
-__all__ = ["Piece", "gathered"]
+__all__ = ["Piece", "gathered", "worked_out"]
 
 _DIMS = ("design", "seed", "robot")
 
@@ -53,6 +53,31 @@ class _Pieces(xr.backends.BackendArray):
                     found[np.ix_(into, inside)] = values[np.ix_(of, wanted_columns[inside] - piece.seeds[0])]
         shape = (*np.shape(rows), *np.shape(columns), *self.shape[2:])
         return found.reshape(shape)[(..., *key[2:])] if robots else found.reshape(shape)
+
+
+class _WorkedOut(xr.backends.BackendArray):
+    """What follows value by value from a variable, worked out where it is looked at."""
+
+    def __init__(self, source: xr.Variable, function: Callable[[np.ndarray], np.ndarray], dtype: np.dtype) -> None:
+        self.source, self.function, self.shape, self.dtype = source, function, source.shape, dtype
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> np.ndarray:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+        return np.asarray(self.function(self.source[key].values), self.dtype)
+
+
+def worked_out(source: xr.Variable, function: Callable[[np.ndarray], np.ndarray], unit: str) -> xr.Variable:
+    """A variable that follows from another, and like it is read where it is looked at.
+
+    Args:
+        source: Of any shape.
+        function: Values from values, one by one.
+        unit: Of the result.
+    """
+    lazy = indexing.LazilyIndexedArray(_WorkedOut(source, function, source.dtype))
+    return xr.Variable(source.dims, lazy, {"units": unit})
 
 
 def _common(wanted: np.ndarray, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

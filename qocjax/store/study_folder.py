@@ -18,7 +18,7 @@ from qocjax.store.files import write_json
 from qocjax.store.identity import differences
 from qocjax.store.lock import locked
 
-__all__ = ["CHUNKS", "RECORD", "STUDY", "ChunkFolder", "read_identity", "read_record", "study_folder"]
+__all__ = ["CHUNKS", "RECORD", "STUDY", "ChunkFolder", "read_identity", "read_record", "study_folder", "written_by"]
 
 STUDY = "study.json"  # what the folder belongs to, written before anything is computed
 CHUNKS = "chunks"
@@ -129,8 +129,9 @@ def read_record(folder: Path) -> dict[str, Any]:
     Raises:
         ValueError: It holds no finished study, or its record is damaged.
     """
-    if (other := _other(folder)) is not None:
-        raise ValueError(f"{folder}: got {other}, expected the folder of a study of python -m qocjax.sweep")
+    if (other := written_by(folder)) is not None:
+        raise ValueError(f"{folder}: got what python -m qocjax.{other} wrote, expected the folder of a study of "
+                         "python -m qocjax.sweep")  # fmt: skip
     names = ("configuration", "chunks", "tables", "failures", "made_with", "j_med", "j_max")
     return _read(folder, RECORD, names, f"the folder of a finished study (resume={folder} goes on with another)")
 
@@ -149,16 +150,20 @@ def _read(folder: Path, name: str, keys: tuple[str, ...], expected: str) -> dict
     return found
 
 
-def _other(folder: Path) -> str | None:
-    """What a folder is, where another command wrote it; None for a study, or for what is not known."""
+def written_by(folder: Path) -> str | None:
+    """Which command wrote a folder, where another than `sweep`; None for a study, or for what is not known.
+
+    Raises:
+        ValueError: It holds the folders of several runs.
+    """
     if (folder / "multirun.yaml").is_file():
-        return "several runs, each in a folder of its own inside"
+        raise ValueError(f"{folder}: got several runs, each in a folder of its own inside, expected one of them")
     try:
         options = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError):
         return None
     found = [command for option, command in _OTHERS.items() if isinstance(options, dict) and option in options]
-    return f"what python -m qocjax.{found[0]} wrote" if found else None
+    return found[0] if found else None
 
 
 def _begin(folder: Path, identity: dict[str, Any], data: str) -> None:

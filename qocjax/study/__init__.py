@@ -5,7 +5,8 @@ from qocjax.study.grid import SWEPT, Grid, one_at_a_time
 from qocjax.study.opened import open_study
 from qocjax.study.policies import POLICIES
 from qocjax.study.replay import replay
-from qocjax.study.sweep import Study, run_study
+from qocjax.study.study import Study
+from qocjax.study.sweep import run_study
 
 __all__ = [
     "POLICIES",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["ARRAYS", "check_arrays", "write_arrays"]
 

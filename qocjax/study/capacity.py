@@ -9,7 +9,7 @@ from qocjax.network.computing import computations_at_once
 from qocjax.network.interface import Load, Network
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["at_once_text", "overload_texts", "usual_load"]
 

@@ -17,7 +17,7 @@ from qocjax.statistics.scores import Scored, Scores, seed_scores, unpaired_score
 from qocjax.statistics.units import units_in
 from qocjax.study.chosen import design_of, place_of
 from qocjax.study.grid import axes_of, is_joint
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 from qocjax.study.table import names_in
 
 __all__ = ["Comparison", "compare"]

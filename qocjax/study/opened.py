@@ -1,4 +1,4 @@
-"""A finished study opened from its folder, without pickle and without simulating anything."""
+"""What a command wrote, opened from its folder, without pickle and without simulating anything."""
 
 from __future__ import annotations
 
@@ -17,13 +17,27 @@ from qocjax.statistics.units import with_units
 from qocjax.store.checked import read_array, read_checked
 from qocjax.store.files import digest_of
 from qocjax.store.gathered import Piece, gathered
-from qocjax.store.study_folder import CHUNKS, read_record
-from qocjax.study.sweep import Study
+from qocjax.store.study_folder import CHUNKS, read_record, written_by
+from qocjax.study.results import Results, open_results
+from qocjax.study.study import Study
 
-__all__ = ["open_study"]
+__all__ = ["open_study", "open_sweep"]
 
 
-def open_study(folder: str | Path) -> Study:
+def open_study(folder: str | Path) -> Study | Results:
+    """Opens what a command wrote: a `Study` from the folder of a sweep, `Results` from that of any other.
+
+    Args:
+        folder: That of the results.
+
+    Raises:
+        ValueError: It holds nothing finished, or a file is missing or damaged; the message names it.
+    """
+    other = written_by(Path(folder))
+    return open_sweep(folder) if other is None else open_results(Path(folder), other)
+
+
+def open_sweep(folder: str | Path) -> Study:
     """Opens what `python -m qocjax.sweep` wrote.
 
     Tables are read now and checked against their digests. Runs are read where they are looked at: `study.runs["auc"]`
@@ -45,7 +59,7 @@ def open_study(folder: str | Path) -> Study:
     scale = QocScale(record["j_med"], record["j_max"], record.get("j_med_se", 0.0))
     return Study(
         tables["results"], tables["policies"], scale, parts["selection"], parts["evaluation"], record["failures"],
-        record["chunks"], record["made_with"], record["configuration"],
+        record["chunks"], record["made_with"], record["configuration"], record.get("network", {}),
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from qocjax.study.chosen import design_of, place_of
 from qocjax.study.grid import values_of
 from qocjax.study.problem import Problem
 from qocjax.study.replay import replay
-from qocjax.study.sweep import Study
+from qocjax.study.study import Study
 
 __all__ = ["PolicyRun", "policy_runs", "replays"]
 

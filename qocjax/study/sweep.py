@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from qocjax import _checks
-from qocjax.batch.evaluate import unit_of
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
@@ -23,55 +19,16 @@ from qocjax.store.memory import InMemory, Shelf
 from qocjax.study.choosing import picks, places_of
 from qocjax.study.chunks import CHUNK_STEPS, Engine, Part
 from qocjax.study.engine import LocalEngine
-from qocjax.study.grid import Grid, axes_of
+from qocjax.study.grid import Grid
 from qocjax.study.judging import judged_policies
 from qocjax.study.parts import PartRuns, run_part
 from qocjax.study.policies import MIN_RELIABILITY, min_delay
 from qocjax.study.problem import Problem
-from qocjax.study.table import names_in, qoc_by_seed, results_table
+from qocjax.study.study import Study
+from qocjax.study.table import qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
 
-__all__ = ["Study", "qoc_by_seed", "results_table", "run_study", "study_of"]
-
-
-@dataclass(frozen=True)
-class Study:
-    """What a study found: tables for people, and the runs behind them.
-
-    The runs of a study that is written to a folder are read from there where they are looked at.
-    """
-
-    results: pd.DataFrame  # one row per (sweep, value, deadline), on the selection seeds
-    policies: pd.DataFrame  # one row per (sweep, policy), judged on the evaluation seeds
-    scale: QocScale
-    runs: xr.Dataset  # metrics over (design, seed, robot), selection seeds
-    evaluation: xr.Dataset  # metrics of the chosen designs on the evaluation seeds
-    failures: Mapping[str, str] = field(default_factory=dict)  # why a chunk has no results, by its name
-    chunks: Sequence[str] = ()  # names of those that have
-    made_with: Sequence[Mapping[str, str]] = ()  # versions and devices of the processes that computed it, distinct
-    configuration: Mapping[str, Any] | None = None  # the resolved options, where it was made from such
-
-    def sweep(self, name: str) -> xr.Dataset:
-        """The selection runs of one sweep over (<name>, deadline, seed, robot); of several axes over each of them.
-
-        Raises:
-            ValueError: There is no such sweep.
-        """
-        _checks.choice("name", name, dict.fromkeys(self.results["sweep"]))
-        rows = self.results[self.results["sweep"] == name]
-        names = names_in(self.runs)
-        points = zip(*(_nine(self.runs[each].values) for each in names), strict=True)
-        at = {point: place for place, point in enumerate(points)}
-        places = [at[point] for point in zip(*(_nine(rows[each].to_numpy()) for each in names), strict=True)]
-        axes = {axis: rows[axis].unique() for axis in (*axes_of(name), "deadline")}
-        grid = xr.DataArray(np.reshape(places, [len(values) for values in axes.values()]), dims=tuple(axes))
-        runs = self.runs.drop_vars(names).isel(design=grid)
-        return runs.assign_coords({axis: (axis, given, {"units": unit_of(axis)}) for axis, given in axes.items()})
-
-
-def _nine(values: np.ndarray) -> list[str]:
-    """Numbers to the digits of a CSV table."""
-    return [f"{value:.9g}" for value in values]
+__all__ = ["qoc_by_seed", "results_table", "run_study", "study_of"]
 
 
 def run_study(
@@ -189,7 +146,7 @@ def study_of(
     failures = {**first.failures, **second.failures}
     return Study(
         results, policies, scale, runs, judged, failures, (*first.names, *second.names), tuple(made_with.values()),
-        problem.configuration,
+        problem.configuration, problem.network.describe(),
     )  # fmt: skip
 
 
