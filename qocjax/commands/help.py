@@ -15,7 +15,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 __all__ = [
-    "Remarks", "choices_text", "described", "options_of", "options_text", "read_remarks", "register_help", "remarks_of",
+    "Remarks", "choices_of", "choices_text", "described", "offered", "options_of", "options_text", "read_remarks",
+    "register_help", "remarks_of",
 ]  # fmt: skip
 
 _WIDTH, _COLUMN, _LONGEST = 118, 44, 60
@@ -50,17 +51,25 @@ def register_help() -> None:
 def choices_text(cfg: DictConfig) -> str:
     """The groups that a composed configuration has, a line each with what there is to choose; nothing without any."""
     lines = []
-    for choice, chosen in reversed(cfg.hydra.runtime.choices.items()):
-        group = choice.split("@")[0]
-        if group.startswith("hydra/") or group in _OWN:
-            continue
-        names = _offered(cfg, group)
+    for choice, chosen in choices_of(cfg).items():
+        names = offered(cfg, choice.split("@")[0])
         if names and names != [chosen]:
             lines += textwrap.wrap(f"{choice}: {', '.join(names)}", _WIDTH, subsequent_indent="    ")
     return "\n".join(["Choices (option=name picks a file of the configuration):", *lines, "", ""]) if lines else ""
 
 
-def _offered(cfg: DictConfig, group: str) -> list[str]:
+def choices_of(cfg: DictConfig) -> dict[str, str]:
+    """The groups of a composed configuration, each with what is chosen; without those that are parts of the program."""
+    every = reversed(cfg.hydra.runtime.choices.items())
+    return {
+        choice: chosen
+        for choice, chosen in every
+        if not choice.startswith("hydra/") and choice.split("@")[0] not in _OWN
+    }
+
+
+def offered(cfg: DictConfig, group: str) -> list[str]:
+    """What there is to choose in a group, without what the command would refuse."""
     refused = _REFUSED.get((cfg.hydra.job.config_name, group), set())
     names = [name for name in GlobalHydra.instance().config_loader().get_group_options(group) if name not in refused]
     return [name for name in names if group != "experiment" or _fits(cfg, name)]
