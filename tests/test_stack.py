@@ -35,6 +35,7 @@ from qocjax.navigation import (
     open_floor,
     snapshot,
 )
+from qocjax.navigation.cycle import _back_up
 from qocjax.network import Constant, LoopNetwork
 from qocjax.robots import Command, Pose, Unicycle, arc
 
@@ -200,6 +201,19 @@ def test_goal_that_no_path_leads_to_is_reported_and_the_robot_stays() -> None:
     run = simulate(SHORT, design(0.0), times(), controller=walled)
     np.testing.assert_array_equal(run.report["no_path_share"], 1.0)
     np.testing.assert_array_equal(np.asarray(run.command), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("walls", "speed"),
+    [((), -0.15), ((0.3,), -0.15), ((-0.3,), 0.15), ((-0.3, 0.3), 0.0)],
+    ids=["open", "wall ahead", "wall behind", "both"],
+)
+def test_recovery_goes_back_and_ahead_only_where_it_cannot(walls: tuple[float, ...], speed: float) -> None:
+    grid = Grid.covering((-1.0, -1.0), (1.0, 1.0), 0.05)
+    room = map_of_shapes(grid, [Rectangle((x, 0.0), (0.1, 2.0)) for x in walls])
+    dear_behind = np.where(grid.centres()[0] < 0, 200.0, 0.0)  # costly, not closed
+    cost = np.maximum(room.cost, dear_behind)
+    assert float(_back_up(replace(STACK, static_map=room), np.zeros(3), cost)) == pytest.approx(speed)
 
 
 @pytest.mark.slow

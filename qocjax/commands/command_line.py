@@ -23,7 +23,7 @@ from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
 from qocjax.commands.help import register_help
 from qocjax.commands.quoting import quoted_options
-from qocjax.config import conf_dir
+from qocjax.config import conf_dir, hydra_base
 from qocjax.config.part import Part
 from qocjax.store.study_folder import read_identity
 
@@ -66,7 +66,7 @@ def command(
                 print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
                 sys.exit(130)
 
-        run = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(guarded)
+        run = hydra.main(config_path=str(conf_dir()), config_name=name, **hydra_base())(guarded)
 
         @functools.wraps(main)
         def entry() -> None:

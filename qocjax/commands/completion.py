@@ -9,7 +9,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from qocjax.commands.help import choices_of, offered
-from qocjax.config.part import conf_dir
+from qocjax.config.part import conf_dir, hydra_base
 
 __all__ = ["SHELLS", "completion", "words_of"]
 
@@ -66,7 +66,7 @@ def words_of(command: str) -> list[str]:
     Args:
         command: Its name.
     """
-    with initialize_config_dir(str(conf_dir()), version_base="1.3"):
+    with initialize_config_dir(str(conf_dir()), **hydra_base()):
         cfg = compose(command, return_hydra_config=True)
         words = ["hydra.run.dir="]
         for choice in choices_of(cfg):

@@ -1,6 +1,6 @@
 """The program `qocjax`: every command by its name, the question that each answers, and completion for shells.
 
-`qocjax sweep loop.hold=zero` is `python -m qocjax.sweep loop.hold=zero`; the rest of a command line is the command's own.
+`qocjax sweep loop.hold=zero` is `python -m qocjax.sweep loop.hold=zero`: the rest of a line is the command's own.
 """
 
 from __future__ import annotations

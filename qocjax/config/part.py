@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from importlib import resources
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-__all__ = ["Part", "conf_dir", "line_of", "load"]
+__all__ = ["Part", "conf_dir", "hydra_base", "line_of", "load"]
 
 
 class Part(BaseModel):
@@ -52,6 +53,11 @@ def line_of(item: Any, raw: Any) -> str:
     if item["type"] == "missing":
         return f"{name}: got nothing, expected a value"
     return f"{name}: got {item['input']!r}, expected {item['msg'].removeprefix('Input should be ')}"
+
+
+def hydra_base() -> dict[str, str]:
+    """What Hydra is told of the version whose ways are meant: 1.3 must be, and 1.4, which no longer asks, warns."""
+    return {"version_base": "1.3"} if version("hydra-core").startswith("1.3.") else {}
 
 
 def conf_dir() -> Path:

@@ -136,12 +136,17 @@ def _path(stack: StackParts, robot: Robot, cost: Array, planning: Array) -> tupl
 
 
 def _back_up(stack: StackParts, pose: Array, cost: Array) -> Array:
-    """Speed of the recovery: straight back, or ahead if that is the cheaper end; 0 where both ends are closed (m/s)."""
+    """Speed of the recovery: straight back, ahead only where the end behind is closed, 0 where both are (m/s).
+
+    Back also where ahead is cheaper: what blocks lies ahead, and other robots lie where they were an age ago, so that
+    a cost says little of which side is the freer one.
+    """
     grid, ways = stack.static_map.grid, jnp.array([-1.0, 1.0], pose.dtype)
     x = pose[0] + ways * stack.backup_dist * jnp.cos(pose[2])
     y = pose[1] + ways * stack.backup_dist * jnp.sin(pose[2])
     ends = MapCosts(cost, grid.resolution, grid.origin).at(x, y)
-    return jnp.where(ends.min() < COLLISION, ways[jnp.argmin(ends)] * stack.backup_speed, 0.0)
+    behind, ahead = ends < COLLISION
+    return jnp.where(behind, ways[0], jnp.where(ahead, ways[1], 0.0)) * stack.backup_speed
 
 
 def _step(

@@ -52,7 +52,7 @@ class StackParts:
         xy_goal_tolerance: Within this distance of its goal a robot is told to stand still (m).
         max_widening: Most by which age and speed widen the inflation around another robot (m).
         backup_speed: Where every rollout collides, the robot backs up straight at this speed, as Nav2's recovery does;
-            ahead if that is the freer way (m/s).
+            ahead only where there is no room behind (m/s).
         backup_dist: How far it looks for that (m).
     """
 

@@ -44,11 +44,11 @@ def _network(options: str) -> Network:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from qocjax.config import conf_dir, load
+    from qocjax.config import conf_dir, hydra_base, load
     from qocjax.config.show import ShowConfig
 
     try:
-        with initialize_config_dir(str(conf_dir().resolve()), version_base="1.3"):
+        with initialize_config_dir(str(conf_dir().resolve()), **hydra_base()):
             return load(ShowConfig, compose("show", shlex.split(options))).build_network()
     except (HydraException, OmegaConfBaseException) as error:
         text = " ".join(str(error).partition("Config search path")[0].split())  # Hydra lists folders there

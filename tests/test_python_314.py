@@ -1,0 +1,48 @@
+"""What Python 3.14 asks of the command line, shown on older versions as well."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from hydra._internal.utils import get_args_parser
+from packaging.requirements import Requirement
+
+from qocjax.config import hydra_base
+
+ROOT = Path(__file__).parents[1]
+INSTALLED = version("hydra-core")
+
+
+def required_by(python: str) -> Requirement:
+    """What the project asks of Hydra on a version of Python."""
+    texts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    found = [Requirement(text) for text in texts if text.startswith("hydra-core")]
+    (one,) = [each for each in found if each.marker is None or each.marker.evaluate({"python_version": python})]
+    return one
+
+
+def check_of_314() -> None:
+    """What `argparse` does of 3.14 when an option is added: it looks for a `%` in the help, which has to be a text."""
+    for action in get_args_parser()._actions:
+        assert action.help is None or "%" not in action.help or action.help % vars(action)
+
+
+def test_hydra_for_314_has_texts_where_argparse_looks() -> None:
+    if required_by("3.14").specifier.contains(INSTALLED, prereleases=True):
+        check_of_314()
+    else:  # the reason why another is asked for there
+        with pytest.raises(TypeError, match="not (iterable|a container)"):
+            check_of_314()
+
+
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
+def test_one_hydra_for_each_python(python: str) -> None:
+    first, beyond = ("1.4.0", "1.5.0") if python == "3.14" else ("1.3.8", "1.4.0")
+    assert required_by(python).specifier.contains(first) and not required_by(python).specifier.contains(beyond)
+
+
+def test_hydra_is_told_of_a_base_version_only_where_it_wants_one() -> None:
+    assert bool(hydra_base()) == INSTALLED.startswith("1.3.")
