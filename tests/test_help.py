@@ -13,7 +13,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from qocjax.commands.help import choices_text, described, options_of, options_text, read_remarks, remarks_of
-from qocjax.config import conf_dir, load
+from qocjax.config import add_resolver, conf_dir, load
 
 COMMANDS = sorted(path.stem for path in conf_dir().glob("*.yaml"))
 # A command for each group, and what the group needs to be read.
@@ -30,7 +30,7 @@ UNIT = re.compile(r"(s|m|ms|rad|1/s|1/m|m/s|rad/s)?")
 
 @pytest.fixture(autouse=True)
 def _composer() -> Iterator[None]:
-    OmegaConf.register_new_resolver("first_given", lambda *given: None, replace=True)
+    add_resolver("first_given", lambda *given: None)
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
         yield
 

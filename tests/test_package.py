@@ -68,6 +68,7 @@ DOCUMENTS = [
     *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
     *(f"conf/help/{command}.yaml" for command in COMMANDS),
 ]
+WITHOUT = ("docs/api.md", "docs/model.md")  # any command to be typed in
 
 SMALL = [
     "sweep=kappa", "sweep.grids.kappa=[1,2]", "sweep.deadline_ms=[150,800]", "sweep.seeds=2",
@@ -400,7 +401,7 @@ def test_commands_of_the_documents_compose(
     write_guide(tmp_path)  # whose law they name
     monkeypatch.syspath_prepend(tmp_path)
     found = list(commands((ROOT / document).read_text(encoding="utf-8")))
-    assert found
+    assert bool(found) == (document not in WITHOUT)
     for command, options in found:
         flags = [option for option in options if option.startswith("--")]
         assert set(flags) <= {"--multirun", "--help"}

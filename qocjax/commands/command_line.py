@@ -16,14 +16,14 @@ import hydra
 import jax
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from qocjax._xla import request_whole_loop
 from qocjax.batch.evaluate import unit_of
 from qocjax.commands.help import register_help
 from qocjax.commands.quoting import quoted_options
-from qocjax.config import conf_dir, hydra_base
+from qocjax.config import add_resolver, conf_dir, hydra_base
 from qocjax.config.part import Part
 from qocjax.store.study_folder import read_identity
 
@@ -71,7 +71,7 @@ def command(
         @functools.wraps(main)
         def entry() -> None:
             _set_up_jax()
-            OmegaConf.register_new_resolver("first_given", _first_given, replace=True)
+            add_resolver("first_given", _first_given)
             register_help()
             warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
             arguments = _of_target(_expanded(sys.argv[1:], short or {}))

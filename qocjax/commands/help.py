@@ -14,6 +14,8 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from qocjax.config.part import add_resolver
+
 __all__ = [
     "Remarks", "choices_of", "choices_text", "described", "offered", "options_of", "options_text", "read_remarks",
     "register_help", "remarks_of",
@@ -43,9 +45,7 @@ class Remarks:
 def register_help() -> None:
     """Makes `${own_choices:}` and `${own_options:}` known to the templates of `conf/help/`."""
     for name, make in (("own_choices", choices_text), ("own_options", options_text)):
-        OmegaConf.register_new_resolver(
-            name, lambda *, _root_, make=make: make(_root_).replace("$", "$$"), replace=True
-        )  # fmt: skip
+        add_resolver(name, lambda *, _root_, make=make: make(_root_).replace("$", "$$"))
 
 
 def choices_text(cfg: DictConfig) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-__all__ = ["Part", "conf_dir", "hydra_base", "line_of", "load"]
+__all__ = ["Part", "add_resolver", "conf_dir", "hydra_base", "line_of", "load"]
 
 
 class Part(BaseModel):
@@ -58,6 +59,11 @@ def line_of(item: Any, raw: Any) -> str:
 def hydra_base() -> dict[str, str]:
     """What Hydra is told of the version whose ways are meant: 1.3 must be, and 1.4, which no longer asks, warns."""
     return {"version_base": "1.3"} if version("hydra-core").startswith("1.3.") else {}
+
+
+def add_resolver(name: str, resolve: Callable[..., Any]) -> None:
+    """Makes `${name:...}` known to configurations; OmegaConf 2.4 has another name for it than 2.3."""
+    getattr(OmegaConf, "register_resolver", OmegaConf.register_new_resolver)(name, resolve, replace=True)
 
 
 def conf_dir() -> Path:
