@@ -62,8 +62,10 @@ def hydra_base() -> dict[str, str]:
 
 
 def add_resolver(name: str, resolve: Callable[..., Any]) -> None:
-    """Makes `${name:...}` known to configurations; OmegaConf 2.4 has another name for it than 2.3."""
-    getattr(OmegaConf, "register_resolver", OmegaConf.register_new_resolver)(name, resolve, replace=True)
+    """Makes `${name:...}` known to configurations; OmegaConf 2.4 warns of the name that 2.3 has for it."""
+    old = version("omegaconf").startswith("2.3.")
+    register: Any = OmegaConf.register_new_resolver if old else OmegaConf.register_resolver
+    register(name, resolve, replace=True)
 
 
 def conf_dir() -> Path:

@@ -110,7 +110,13 @@ class TraceConfig(Part):
         found = OmegaConf.load(conf_dir() / "reading" / "default.yaml").topics
         names = ("poses", "commands", "goals", "odometry", "footprints")
         topics = TopicPatterns(**{name: tuple(found[name]) for name in names})
-        return read_file(self.path, self.unit, self.gaps_are_lost, topics, presets())
+        try:
+            return read_file(self.path, self.unit, self.gaps_are_lost, topics, presets())
+        except ValueError as error:
+            if "has no column" not in str(error):
+                raise
+            raise ValueError(f"{error}; expected a log or a table that is known, or the column of its loop times: "
+                             "network.column=NAME network.unit=s") from None  # fmt: skip
 
 
 def _law_of(compute: Delay | None) -> DelayLaw | None:
