@@ -6,13 +6,18 @@ import importlib
 from dataclasses import replace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from slow_loop import run as run_slow_loop
 
 from experiments.bench.baselines import Unavailable, Work, make_work, reference_path
 from experiments.bench.baselines.work import DESIGN
+from experiments.bench.mppi import scene
 from experiments.bench.timing import machine, measure
+from qocjax.navigation import MapCosts, MppiConfig, initial_state, step
+from qocjax.navigation.noise import seed_of
 
 BASELINES = ("numpy_loop", "vmap_scan", "numba_loop", "cpp_kernel")
 LANE_FIELDS = (*DESIGN, "deadline", "seed")
@@ -151,3 +156,33 @@ def test_measure_and_machine() -> None:
     with pytest.raises(ValueError, match="repeats"):
         measure(lambda: None, 0)
     assert machine()["cores"]
+
+
+@pytest.mark.parametrize("place", ["far", "near", "blocked"])
+def test_one_cycle_of_mppi_in_cpp_is_that_of_qocjax(place: str) -> None:
+    try:
+        from experiments.bench.baselines.mppi_cpp import CppMppi
+
+        cells, pose, path, goal = (np.asarray(each, np.float32) for each in scene())
+        config = MppiConfig(batch_size=128, prune_distance=2.5)
+        cpp = CppMppi(config, cells, 0.05, (-5.0, -5.0))
+    except Unavailable as reason:
+        pytest.skip(str(reason))
+    if place == "near":  # where the critics of the goal and its heading count
+        pose = np.array([1.6, 0.1, 0.4], np.float32)
+    if place == "blocked":  # rollouts that go ahead collide, and the path is cut
+        cells[:, 68:70] = 253.0
+        cpp = CppMppi(config, cells, 0.05, (-5.0, -5.0))
+    costs = MapCosts(jnp.asarray(cells), 0.05, (-5.0, -5.0))
+    state, cycle = initial_state(config, jnp.float32), jax.jit(step, static_argnums=0)
+    for tick in range(3):
+        key = jax.random.fold_in(jax.random.key(5), tick)
+        command, state, rollouts = cycle(config, state, pose, costs, path, goal, key)
+        words = np.asarray(seed_of(jax.random.fold_in(key, 0)))
+        sent = cpp.step(pose, path, goal, words)
+        assert not bool(rollouts.blocked)
+        np.testing.assert_allclose(cpp.cost, rollouts.cost, rtol=2e-4, atol=2e-5)
+        np.testing.assert_allclose(sent, [command.nu, command.omega], atol=2e-5)
+        np.testing.assert_allclose(cpp.sequence, [state.vx, state.wz], atol=2e-5)
+        cpp.sequence[:], cpp.past[:] = (state.vx, state.wz), (state.past_vx, state.past_wz)
+    assert (np.max(rollouts.cost) > 100.0) == (place == "blocked")

@@ -25,8 +25,9 @@ from qocjax.navigation.critics import (
     PreferForwardCritic,
     Scene,
 )
+from qocjax.navigation.iteration import weights_of
 from qocjax.navigation.local_path import MapCosts, local_path
-from qocjax.navigation.mppi import initial_state, predict, step_each, weights_of
+from qocjax.navigation.mppi import initial_state, predict, step_each
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.noise import normal_pairs
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
@@ -149,8 +150,35 @@ def test_random_words_are_those_of_threefry() -> None:
     key = jnp.array([1234567, 4000000000], jnp.uint32)
     counters = jnp.arange(12, dtype=jnp.uint32) * jnp.uint32(300000007)
     wanted = threefry_2x32(key, counters)
-    got = _threefry(key[0], key[1], counters[:6], counters[6:])
+    got = _threefry(key[0], key[1], counters[:6], counters[6:], rounds=20)
     np.testing.assert_array_equal(np.concatenate([np.asarray(each) for each in got]), wanted)
+
+
+def test_every_bit_of_key_and_counter_turns_every_random_bit_in_half_of_the_cases() -> None:
+    from qocjax.navigation.noise import _threefry
+
+    words = np.random.default_rng(5).integers(0, 2**32, (4, 4000), dtype=np.uint32)
+    words[2:] >>= np.uint32(16)  # counters are small
+    random = jax.jit(_threefry)
+    before = random(*words)
+    for i in range(128):
+        turned = words.copy()
+        turned[i // 32] ^= np.uint32(1 << i % 32)
+        after = random(*turned)
+        for one, other in zip(before, after, strict=True):
+            flips = np.unpackbits(np.asarray(one ^ other)[:, None].view(np.uint8), axis=1).mean(axis=0)
+            assert np.all(np.abs(flips - 0.5) < 5.5 * 0.5 / math.sqrt(words.shape[1]))
+
+
+def test_the_logarithm_is_that_of_numpy_to_rounding() -> None:
+    from qocjax.navigation.noise import _log, _uniform
+
+    numbers = _uniform(jnp.arange(0, 2**32, 65521, dtype=jnp.uint32), jnp.float32)
+    wanted = np.log(np.asarray(numbers, np.float64))
+    np.testing.assert_allclose(_log(numbers), wanted, rtol=1.5e-7)
+    np.testing.assert_allclose(_log(_uniform(jnp.uint32([0, 2**32 - 1]), jnp.float32)), np.log([2**-24, 1 - 2**-24]),
+                               rtol=1e-6)  # fmt: skip
+    np.testing.assert_allclose(_log(jnp.asarray(numbers, jnp.float64)), wanted, rtol=1e-15)
 
 
 def test_weights_and_update_of_one_quadratic_critic() -> None:

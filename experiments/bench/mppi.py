@@ -1,10 +1,12 @@
-"""Time per rollout-step of the MPPI controller, beside NumPy with the same critics, for one robot.
+"""Time per rollout-step of the MPPI controller, beside NumPy and C++ with the same critics, for one robot.
 
     python experiments/bench/mppi.py [--samples 2000] [--steps 56] [--repeats 60] [--out folder]
 
 One rollout-step is one step of one rollout, with the noise that it draws and all critics. All entries do the same
-cycle, on the same map and path, and take turns; before they are timed, qocjax and NumPy score the same samples, and the
-last lines say how far the costs differ. Compile time is apart. Writes mppi.csv; about half a minute.
+cycle, on the same map and path, and take turns; before they are timed, qocjax, NumPy and C++ score the same samples,
+and the last lines say how far costs and commands differ. The C++ loop is what grows with K, written by hand for
+AVX-512: the yardstick; it needs g++ and a K that is a multiple of 16, and is left out else. Compile time is apart.
+Writes mppi.csv; about half a minute.
 """
 
 from __future__ import annotations
@@ -23,16 +25,19 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from experiments.bench.baselines.mppi_cpp import CppMppi
 from experiments.bench.baselines.mppi_numpy import NumpyMppi
+from experiments.bench.baselines.work import Unavailable
 from experiments.bench.timing import machine
 from qocjax._xla import compiled, num_workers, request_whole_loop
 from qocjax.navigation.local_path import MapCosts
 from qocjax.navigation.mppi import initial_state, step, step_each
 from qocjax.navigation.mppi_config import MppiConfig
-from qocjax.navigation.noise import normal_pairs
+from qocjax.navigation.noise import normal_pairs, seed_of
 
 RESULTS = Path(__file__).parent / "results"
 ROBOTS = 8  # of the batch
+CPP = "C++ loop, one robot"
 ONE, MANY, NOISE = "qocjax, one robot", f"qocjax, {ROBOTS} robots", "qocjax, noise alone"
 
 # Nav2 on a desktop CPU: 7.5 ms a cycle of 2000 x 50 (ms to ns per rollout-step).
@@ -60,6 +65,7 @@ class Entries:
         self.config, self.pose, self.path, self.goal = config, pose, path, goal
         self.costs = MapCosts(jnp.asarray(cells, jnp.float32), 0.05, (-5.0, -5.0))
         self.numpy = NumpyMppi(config, cells, 0.05, (-5.0, -5.0))
+        self.cpp = _cpp(config, cells)
         self.rng = np.random.default_rng(0)
         self.compile_s: dict[str, float] = {}
         arrays = [jnp.asarray(each, jnp.float32) for each in (pose, path, goal)]
@@ -92,6 +98,21 @@ class Entries:
         self.numpy.step(self.pose.astype(np.float32), self.path, self.goal.astype(np.float32), noise)
         return self.numpy.cost
 
+    def cpp_cycle(self) -> tuple[np.ndarray, np.ndarray]:
+        """One cycle in C++, from rest, with the noise of qocjax's; costs and command."""
+        assert self.cpp is not None
+        self.cpp.sequence[:], self.cpp.past[:] = 0.0, 0.0
+        words = np.asarray(seed_of(jax.random.fold_in(jax.random.key(0), 0)))
+        command = self.cpp.step(self.pose.astype(np.float32), self.path, self.goal.astype(np.float32), words)
+        return self.cpp.cost, command
+
+    def difference_from_cpp(self) -> tuple[float, float]:
+        """Of the costs in qocjax and in C++, as for NumPy, and of the commands (m/s, rad/s)."""
+        command, _, rollouts = self.calls[ONE]()
+        cost, theirs = self.cpp_cycle()
+        costs = np.quantile(np.abs(np.asarray(rollouts.cost) - cost), 0.99) / np.median(cost)
+        return float(costs), float(np.max(np.abs(np.array([command.nu, command.omega]) - theirs)))
+
     def largest_difference(self) -> float:
         """Of the costs in qocjax and in NumPy for the same samples, relative to the median cost."""
         ours = np.asarray(self.calls["qocjax, one robot"]()[2].cost)
@@ -100,6 +121,14 @@ class Entries:
             np.stack(normal_pairs(key, self.config.time_steps, self.config.batch_size, np.float32))
         )
         return float(np.quantile(np.abs(ours - theirs), 0.99) / np.median(theirs))
+
+
+def _cpp(config: MppiConfig, cells: np.ndarray) -> CppMppi | None:
+    try:
+        return CppMppi(config, cells, 0.05, (-5.0, -5.0))
+    except (Unavailable, ValueError) as reason:
+        print(f"without the C++ loop: {reason}")
+        return None
 
 
 def timed(entries: Entries, repeats: int) -> pd.DataFrame:
@@ -112,6 +141,9 @@ def timed(entries: Entries, repeats: int) -> pd.DataFrame:
         batch = entries.calls[MANY]
         calls[MANY] = (lambda: list(pool.map(lambda _: batch(), range(workers))), per * (ROBOTS // workers) * workers)
         calls["NumPy, one robot"] = (entries.numpy_cycle, per)
+        if entries.cpp is not None:
+            entries.cpp_cycle()
+            calls[CPP] = (entries.cpp.loop, per)
         for _ in range(repeats):
             for name, (call, _) in calls.items():
                 begin = time.perf_counter()
@@ -147,6 +179,7 @@ def main() -> None:
         parser.error(str(error))
     entries = Entries(config)
     difference = entries.largest_difference()
+    from_cpp = entries.difference_from_cpp() if entries.cpp is not None else None
     table = timed(entries, options.repeats)
     here = machine()
     table["samples"], table["steps"], table["robots_at_once"] = options.samples, options.steps, 1
@@ -157,6 +190,8 @@ def main() -> None:
     table.to_csv(options.out / "mppi.csv", index=False, float_format="%.5g")
     print(table.iloc[:, :5].to_string(index=False, float_format="%.3g"))
     print(f"costs of the same samples: 99 % agree to {difference:.1e} of the median cost")
+    if from_cpp is not None:
+        print(f"in C++: costs to {from_cpp[0]:.1e} of it, the command to {from_cpp[1]:.1e} m/s and rad/s")
     print(f"Nav2's own figure on a desktop CPU (2000 x 50, 7.5 ms): {NAV2_NS:.0f} ns per rollout-step")
 
 

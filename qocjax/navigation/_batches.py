@@ -1,10 +1,22 @@
-"""How kernels over a whole grid go through a batch of maps."""
+"""How kernels go through a batch: one after the other on a CPU, all at once on an accelerator."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import jax
 from jax import Array, lax
+
+__all__ = ["mapped", "over_maps"]
+
+
+def mapped(kernel: Callable[[Any], Any], batch: Any) -> Any:
+    """Applies a kernel to each entry of the leading axis of all arrays, and stacks what it returns.
+
+    On a CPU one after the other, so that what a kernel needs stays in cache; elsewhere all at once.
+    """
+    return lax.map(kernel, batch) if jax.default_backend() == "cpu" else jax.vmap(kernel)(batch)
 
 
 def over_maps(kernel: Callable[..., Array], *arrays: Array) -> Array:

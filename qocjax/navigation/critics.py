@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from qocjax.navigation.local_path import LocalPath, MapCosts
 from qocjax.navigation.maps import INSCRIBED, LETHAL
@@ -210,7 +210,7 @@ class CostCritic:
 
     def term(self, point: Point, scene: Scene) -> tuple[Array, Array]:
         """Cost of the cell, and 1 in a collision."""
-        cost = scene.costs.at(point.x, point.y)
+        cost = lax.optimization_barrier(scene.costs.at(point.x, point.y))  # looked up once, read by both sums
         soft = _where(scene.to_goal >= self.near_goal_distance, cost)
         hit = (cost >= COLLISION).astype(cost.dtype)
         return jnp.where(cost >= self.near_collision_cost, self.critical_cost, soft), hit
@@ -247,7 +247,7 @@ class ObstaclesCritic:
 
     def term(self, point: Point, scene: Scene) -> tuple[Array, Array, Array]:
         """Metres inside the margin, 1 in a collision, repulsion."""
-        cost = scene.costs.at(point.x, point.y)
+        cost = lax.optimization_barrier(scene.costs.at(point.x, point.y))  # looked up once, read by all sums
         costly = cost >= 1.0
         distance = jnp.log(COLLISION / jnp.maximum(cost, 1.0)) / self.cost_scaling_factor
         inside = jnp.where(costly, jnp.maximum(self.collision_margin_distance - distance, 0.0), 0.0)

@@ -17,15 +17,12 @@ import jax.numpy as jnp
 from jax import Array, lax
 from jax.typing import ArrayLike
 
-from qocjax._checks import is_concrete, is_zero
 from qocjax._math import angle_math
-from qocjax.navigation.critics import COLLISION, Ends, Scene
-from qocjax.navigation.feasible import driven, feasible, speed_now
+from qocjax.navigation.critics import COLLISION, Scene
+from qocjax.navigation.feasible import feasible, speed_now
+from qocjax.navigation.iteration import Rollouts, iterate
 from qocjax.navigation.local_path import MapCosts, local_path
 from qocjax.navigation.mppi_config import MppiConfig
-from qocjax.navigation.noise import normal_pairs
-from qocjax.navigation.path_critics import furthest_reached
-from qocjax.navigation.rollout import roll_out
 from qocjax.navigation.smoothing import HISTORY, shifted, smoothed
 from qocjax.robots import Command, Pose, Robot, Unicycle
 
@@ -38,7 +35,6 @@ __all__ = [
     "predict_driven",
     "step",
     "step_each",
-    "weights_of",
 ]
 
 
@@ -66,16 +62,6 @@ class State:
     def past(self) -> Command:
         """What the filter made of the commands sent last, each field [4]."""
         return Command(self.past_vx, self.past_wz, self.past_vy)
-
-
-class Rollouts(NamedTuple):
-    """What a cycle has looked at, for figures and tests: of the last iteration."""
-
-    cost: Array  # [K]
-    weight: Array  # [K] sums to 1
-    blocked: Array  # [] whether every rollout collides
-    x: Array | None  # [K, H] m, where recorded
-    y: Array | None  # [K, H] m
 
 
 class Limits(NamedTuple):
@@ -179,8 +165,7 @@ def step(
     now = speed_now(config, sent, speed, limits.period)
     mean = jax.tree.map(lambda each, first: each.at[0].set(first), state.sequence, now)
     for iteration in range(config.iteration_count):
-        noise = _noise(config, jax.random.fold_in(key, iteration), pose.dtype)
-        mean, rollouts = _iterate(config, scene, pose, mean, noise, record)
+        mean, rollouts = iterate(config, scene, pose, mean, jax.random.fold_in(key, iteration), record)
         smooth = jax.tree.map(lambda each, past: smoothed(each, past, config.sgf_order), mean, state.past)
         mean = feasible(config, now, smooth, scene)
     ahead = limits.period / config.model_dt
@@ -192,14 +177,6 @@ def step(
     return command, State(after.nu, after.omega, past.nu, past.omega, after.nu_y, past.nu_y), rollouts
 
 
-def _noise(config: MppiConfig, key: Array, dtype: jnp.dtype) -> Command:
-    """Standard normal numbers for each speed, each field [H, K]."""
-    first = normal_pairs(key, config.time_steps, config.batch_size, dtype)
-    if not config.holonomic:
-        return Command(*first)
-    return Command(*first, normal_pairs(jax.random.fold_in(key, 1), config.time_steps, config.batch_size, dtype)[0])
-
-
 def step_each(
     config: MppiConfig, states: State, poses: Array, costmaps: MapCosts, paths: Array, goals: Array, keys: Array
 ) -> tuple[Command, State, Rollouts]:
@@ -209,12 +186,6 @@ def step_each(
     `jax.vmap` is the one to take.
     """
     return lax.map(lambda robot: step(config, *robot), (states, poses, costmaps, paths, goals, keys))
-
-
-def weights_of(cost: Array, temperature: float) -> Array:
-    """Importance weights exp(-cost / temperature), normalised; [K] of costs [K]."""
-    weight = jnp.exp((jnp.min(cost) - cost) * (1.0 / temperature))
-    return weight / jnp.sum(weight)
 
 
 def _check_shapes(config: MppiConfig, state: State, pose: Array, path: Array, goal: Array) -> None:
@@ -251,43 +222,3 @@ def _scene(config: MppiConfig, limits: Limits, pose: Array, costmap: MapCosts, p
         vy_max,
         radius,
     )
-
-
-def _iterate(
-    config: MppiConfig, scene: Scene, pose: Array, mean: Command, noise: Command, record: bool
-) -> tuple[Command, Rollouts]:
-    """Draws, rolls out, scores and averages once."""
-    now = jax.tree.map(lambda each: each[0], mean)
-    samples = jax.tree.map(lambda each, std, drawn: each[:, None] + std * drawn, mean, _spread(config), noise)
-    if config.clamp_raw_controls:
-        reached = driven(config, now, samples)
-        # The last sample is never driven.
-        samples = jax.tree.map(lambda made, drawn: jnp.concatenate([made[:-1], drawn[-1:]]), reached, samples)
-    samples = lax.optimization_barrier(samples)  # drawn once, however often it is read
-    rolled = roll_out(config, scene, pose, now, samples, record)
-    end, totals = rolled.pose, rolled.totals
-    furthest = furthest_reached(scene.path, scene.path_spacing, end.x, end.y, rolled.distance)
-    ends = Ends(end.x, end.y, furthest, config.time_steps)
-    cost = _control_cost(config, mean, samples)
-    for critic, total in zip(config.critics, totals, strict=True):
-        cost = cost + critic.cost(total, ends, scene)
-    hits = [critic.collides(t) for critic, t in zip(config.critics, totals, strict=True) if hasattr(critic, "collides")]
-    blocked = jnp.all(jnp.stack(hits).any(axis=0)) if hits else jnp.array(False)
-    weight = weights_of(cost, config.temperature)
-    x, y = rolled.points if rolled.points is not None else (None, None)
-    return jax.tree.map(lambda each: each @ weight, samples), Rollouts(cost, weight, blocked, x, y)
-
-
-def _spread(config: MppiConfig) -> Command:
-    """Standard deviations of the samples."""
-    return Command(config.vx_std, config.wz_std, config.vy_std if config.holonomic else None)  # type: ignore[arg-type]
-
-
-def _control_cost(config: MppiConfig, mean: Command, samples: Command) -> Array:
-    """γ/σ² Σ u (u_k - u), of all speeds, [K] (Williams et al., 2018, section III-D; optimizer.cpp)."""
-    cost = jnp.zeros(samples.nu.shape[1], samples.nu.dtype)
-    for each, sample, std in zip(*map(jax.tree.leaves, (mean, samples, _spread(config))), strict=True):
-        if not (is_zero(std) or is_zero(config.gamma)):
-            drawn = std if is_concrete(std) else jnp.where(std > 0, std, jnp.inf)
-            cost = cost + (config.gamma / drawn**2) * (each @ sample - each @ each)
-    return cost

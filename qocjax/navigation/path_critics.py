@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from qocjax.navigation.critics import Ends, Point, Scene
 from qocjax.navigation.local_path import LocalPath
@@ -43,8 +43,11 @@ class PathAlignCritic:
         path = scene.path
         reach = jnp.minimum(point.distance * (1.0 / scene.path_spacing) + 0.5, path.last.astype(point.x.dtype))
         index = reach.astype(jnp.int32)
-        x, y, clear = (_take(each, index) for each in (path.x, path.y, scene.clear.astype(point.x.dtype)))
-        return jnp.sqrt((x - point.x) ** 2 + (y - point.y) ** 2) * clear, clear
+        # A point on an obstacle is put infinitely far away: so one look-up fewer says that it is left out.
+        x, y = (_take(each, index) for each in (jnp.where(scene.clear, path.x, jnp.inf), path.y))
+        gap = lax.optimization_barrier(jnp.sqrt((x - point.x) ** 2 + (y - point.y) ** 2))  # two sums read it
+        clear = gap < jnp.inf
+        return jnp.where(clear, gap, 0.0), clear.astype(gap.dtype)
 
     def cost(self, total: tuple[Array, Array], ends: Ends, scene: Scene) -> Array:
         """Weighted mean."""
@@ -100,11 +103,17 @@ def furthest_reached(path: LocalPath, spacing: float, x: Array, y: Array, distan
         y: [K] of the ends (m).
         distance: [K] travelled from the first points of the rollouts on (m).
     """
-    squared = (x[None] - path.x[:, None]) ** 2 + (y[None] - path.y[:, None]) ** 2
-    index = jnp.arange(len(path.x))[:, None]
-    squared = jnp.where(index <= jnp.ceil(distance[None] * (1.0 / spacing)), squared, jnp.inf)
-    nearest = jnp.min(jnp.where(squared <= jnp.min(squared, axis=0, keepdims=True), index, len(path.x)), axis=0)
-    return jnp.max(nearest)
+    reach = jnp.ceil(distance * (1.0 / spacing))
+
+    def nearer(best: tuple[Array, Array], at: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], None]:
+        (least, nearest), (index, path_x, path_y) = best, at
+        squared = (x - path_x) ** 2 + (y - path_y) ** 2
+        found = (squared < least) & (index <= reach)
+        return (jnp.where(found, squared, least), jnp.where(found, index, nearest)), None
+
+    index = jnp.arange(len(path.x), dtype=x.dtype)
+    _, nearest = lax.scan(nearer, (jnp.full_like(x, jnp.inf), jnp.zeros_like(x)), (index, path.x, path.y))[0]
+    return jnp.max(nearest).astype(jnp.int32)
 
 
 def _take(values: Array, index: Array) -> Array:

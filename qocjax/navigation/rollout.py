@@ -118,6 +118,8 @@ def _move(config: MppiConfig, carry: _Carry, drawn: Command) -> _Carry:
     speed = follow(config, carry.speed, carry.wanted, config.model_dt)
     distance = carry.distance + _length(speed) * config.model_dt
     pose = _moved(config, carry.pose, speed)
+    # Each step is computed before the next: what is made of it would otherwise compute all steps of a block again.
+    pose, speed, distance = lax.optimization_barrier((pose, speed, distance))
     return carry._replace(pose=pose, speed=speed, wanted=drawn, distance=distance)
 
 
@@ -152,4 +154,5 @@ def _measures(critic: Critic) -> bool:
 
 def _angles(config: MppiConfig) -> Any:
     spread = config.wz_std if is_concrete(config.wz_std) else WIDEST
-    return angle_math(0.5 * (config.wz_max + LARGEST * spread) * config.model_dt)
+    exact = angle_math(0.5 * (config.wz_max + LARGEST * spread) * config.model_dt)
+    return exact._replace(sinc_cos=lambda angle: lax.optimization_barrier(exact.sinc_cos(angle)))  # once for all fields

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +22,7 @@ from jax import Array, lax
 from qocjax import _checks
 from qocjax.controllers.interface import Sight, Task
 from qocjax.controllers.law import check_unread
+from qocjax.navigation._batches import mapped
 from qocjax.navigation.costmap import check_free
 from qocjax.navigation.cycle import View, cycle
 from qocjax.navigation.gather import Memory, gather
@@ -149,7 +149,7 @@ class NavigationStack(StackParts):
         every = jnp.maximum(jnp.round(self.planner_period / tau), 1).astype(jnp.int32)
         due = tick % every == 0
         flat = jax.tree.map(lambda a: a.reshape(math.prod(shape), *a.shape[len(shape) :]), robots)
-        done = _over_robots(lambda one: cycle(self, one, due, length), flat)
+        done = mapped(lambda one: cycle(self, one, due, length), flat)
         command, state, view = jax.tree.map(lambda a: a.reshape(*shape, *a.shape[1:]), done)
         if length is not None:
             command = jax.tree.map(lambda a: jnp.moveaxis(a, -1, 0), command)
@@ -193,10 +193,3 @@ def _check_model(motion_model: str, robot: Robot) -> None:
                          "controller, or a robot with a motion_model of Nav2's MPPI")  # fmt: skip
     if robot.motion_model != motion_model:
         raise ValueError(f"mppi.motion_model: got {motion_model} for the robot {name}, expected {robot.motion_model}")
-
-
-def _over_robots(kernel: Any, robots: Any) -> Any:
-    """One robot after the other on a CPU, where its rollouts stay in cache; all at once on an accelerator."""
-    return lax.platform_dependent(
-        robots, cpu=lambda each: lax.map(kernel, each), default=lambda each: jax.vmap(kernel)(each)
-    )

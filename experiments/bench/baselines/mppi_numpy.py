@@ -40,7 +40,6 @@ class NumpyMppi:
         c = self.config
         std = np.array([c.vx_std, c.wz_std], np.float32)[:, None, None]
         sampled = self.sequence[..., None] + std * noise
-        low, high = np.array([c.vx_min, -c.wz_max], np.float32), np.array([c.vx_max, c.wz_max], np.float32)
         wanted = np.concatenate([np.broadcast_to(self.sequence[:, :1, None], sampled[:, :1].shape), sampled[:, :-1]], 1)
         speeds = self._driven(wanted)
         x, y, heading = self._move(pose, speeds)
@@ -54,6 +53,12 @@ class NumpyMppi:
         weight = np.exp((self.cost.min() - self.cost) / np.float32(c.temperature))
         weight /= weight.sum()
         mean = sampled @ weight
+        return self._sent(mean)
+
+    def _sent(self, mean: np.ndarray) -> np.ndarray:
+        """Smooths, caps and shifts the averaged sequence [2, H]; returns the command."""
+        c = self.config
+        low, high = np.array([c.vx_min, -c.wz_max], np.float32), np.array([c.vx_max, c.wz_max], np.float32)
         padded = np.concatenate([self.past, mean, np.repeat(mean[:, -1:], HISTORY, axis=1)], axis=1)
         smooth = np.stack([np.convolve(each, self.kernel, "valid") for each in padded])
         smooth[:, -1] = mean[:, -1]
