@@ -27,6 +27,8 @@ from qocjax.navigation import (
     squared_distance,
     static_layer,
 )
+from qocjax.navigation.costmap import influence
+from qocjax.navigation.patches import patched
 
 GRID = Grid(0.05, (-1.0, -0.5), (30, 44))
 layers_of = jax.jit(costmap_layers, static_argnames="grid")
@@ -375,3 +377,19 @@ def test_a_start_or_goal_in_an_obstacle_is_named():
         ValueError, match=r"start: got \(5, 0\) for robot 0, which is beside the map, expected x from -1"
     ):
         check_free("start", [5.0, 0.0], GRID, cost)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_costmap_made_in_patches_is_the_whole_one(seed):
+    rng = np.random.default_rng(seed)
+    grid = Grid(0.05, (-1.3, 0.7), (90, 110))
+    static = static_layer(StaticMap(grid, np.where(rng.random(grid.shape) < 0.003, 254, 0).astype(np.uint8)))
+    inflation = Inflation(inflation_radius=(0.55, 0.3, 0.0, 0.4)[seed], localisation_sigma=0.02)
+    count = 1 + seed
+    x, y = rng.uniform(-1.6, 4.5, count), rng.uniform(0.4, 5.5, count)  # some beside the map
+    discs = Obstacles(jnp.asarray(x), jnp.asarray(y), 1.0, jnp.asarray(rng.uniform(0, 0.4, count)), 0.105)
+    whole = costmap_layers(grid, static, discs, inflation).total()
+    alone = costmap_layers(grid, static, None, inflation).total()
+    reach = influence(inflation, grid.resolution, 0.105, 0.4)
+    assert not np.array_equal(whole, alone)
+    np.testing.assert_array_equal(patched(alone, grid, static, discs, inflation, reach), whole)

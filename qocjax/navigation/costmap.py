@@ -9,6 +9,7 @@ Shapes: batch axes `*B` first, then the cells, as images are kept; M discs.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,14 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
+from scipy.ndimage import distance_transform_edt
 
 from qocjax import _checks
-from qocjax.navigation.distance import distance_to
 from qocjax.navigation.grid import Grid
 from qocjax.navigation.maps import FREE, INSCRIBED, LETHAL, UNKNOWN, StaticMap
 from qocjax.scenario import _pytree
 
-__all__ = ["Inflation", "Layers", "Obstacles", "StaticLayer", "check_free", "costmap_layers", "others", "static_layer"]
+__all__ = ["Inflation", "Layers", "Obstacles", "StaticLayer", "check_free", "costmap_layers", "influence", "layers_at",
+           "others", "static_layer"]  # fmt: skip
 
 _DEAREST = INSCRIBED - 1  # of the open cells
 _ROUNDING = 1e-4  # of a cell, in comparisons of distances
@@ -104,7 +106,11 @@ def static_layer(static_map: StaticMap, track_unknown_space: bool = False) -> St
     """
     cost = static_map.cost
     known = cost if track_unknown_space else np.where(cost == UNKNOWN, FREE, cost)
-    return StaticLayer(jnp.asarray(known, float), distance_to(jnp.asarray(cost == LETHAL), static_map.grid.resolution))
+    occupied = cost == LETHAL
+    if not occupied.any():
+        return StaticLayer(jnp.asarray(known, float), jnp.full(cost.shape, jnp.inf))
+    squared = np.rint(distance_transform_edt(~occupied) ** 2)  # a map's own is made once, and needs no program for it
+    return StaticLayer(jnp.asarray(known, float), jnp.sqrt(jnp.asarray(squared, float)) * static_map.grid.resolution)
 
 
 def others(values: Array) -> Array:
@@ -134,27 +140,38 @@ def costmap_layers(grid: Grid, static: StaticLayer, obstacles: Obstacles | None,
         obstacles: The other robots, from `others`; None without any, for one map.
         inflation: Parameters.
     """
+    return layers_at(grid.centres(), grid.resolution, static, obstacles, inflation)
+
+
+def layers_at(
+    centres: tuple[ArrayLike, ArrayLike],
+    resolution: float,
+    static: StaticLayer,
+    obstacles: Obstacles | None,
+    inflation: Inflation,
+) -> Layers:
+    """`costmap_layers` of the cells whose centres are at x [1, cols] and y [rows, 1] (m)."""
     margin = _per_map(inflation.sigma_factor) * _per_map(inflation.localisation_sigma)
     known = _to_rank(static.distance, 2 if obstacles is None else obstacles.x.ndim + 1)
     if obstacles is None or obstacles.x.shape[-1] == 0:
         batch = () if obstacles is None else obstacles.x.shape[:-1]
-        seen = jnp.zeros((*batch, *grid.shape), bool)
+        seen = jnp.zeros((*batch, *static.cost.shape), bool)
         clearance = jnp.broadcast_to(known, seen.shape) - margin
     else:
-        distance, moved = _from_discs(grid, obstacles)
+        distance, moved = _from_discs(centres, obstacles)
         seen = jnp.any(distance <= 0, axis=-3)
         clearance = jnp.minimum(known, jnp.min(distance - moved, axis=-3)) - margin
     lethal = seen | _to_rank(static.cost == LETHAL, seen.ndim)
-    inflated = jnp.where(lethal, 0.0, _inflated(clearance, inflation, grid.resolution))
+    inflated = jnp.where(lethal, 0.0, _inflated(clearance, inflation, resolution))
     return Layers(static.cost, jnp.where(seen, float(LETHAL), 0.0), inflated)
 
 
-def _from_discs(grid: Grid, discs: Obstacles) -> tuple[Array, Array]:
+def _from_discs(centres: tuple[ArrayLike, ArrayLike], discs: Obstacles) -> tuple[Array, Array]:
     """Distance of each cell from each disc [*B, M, rows, cols], and how far each may have moved [*B, M, 1, 1] (m)."""
     shape = discs.x.shape
     speed, age = (jnp.broadcast_to(jnp.asarray(v, float), shape) for v in (discs.speed, discs.age))
     moved = jnp.where(speed > 0, age * speed, 0.0)  # also where the age is infinite
-    cell_x, cell_y = (_to_rank(jnp.asarray(v, float), len(shape) + 2) for v in grid.centres())
+    cell_x, cell_y = (_to_rank(jnp.asarray(v, float), len(shape) + 2) for v in centres)
     x, y, radius = (jnp.broadcast_to(jnp.asarray(v, float), shape)[..., None, None] for v in discs[:2] + discs[4:])
     from_centre = jnp.sqrt((cell_x - x) ** 2 + (cell_y - y) ** 2)
     return jnp.maximum(from_centre - radius, 0.0), moved[..., None, None]
@@ -167,6 +184,19 @@ def _inflated(clearance: Array, inflation: Inflation, resolution: float) -> Arra
     decayed = jnp.floor(_DEAREST * jnp.exp(-rate * jnp.maximum(clearance - radius, 0.0)))
     around = jnp.where(clearance <= radius + slack, float(INSCRIBED), decayed)
     return jnp.where(clearance <= jnp.maximum(reach, radius) + slack, around, 0.0)
+
+
+def influence(inflation: Inflation, resolution: float, radius: float, most_moved: float) -> int:
+    """Cells in each direction from that of a disc's centre beyond which it costs nothing.
+
+    Args:
+        inflation: Parameters, each a number.
+        resolution: Side of a cell (m).
+        radius: Of the disc (m).
+        most_moved: How far it may have moved since it was seen (m).
+    """
+    own, around, _, sigma, factor = (float(np.asarray(each)) for each in vars(inflation).values())
+    return math.ceil((max(around, own) + factor * sigma + radius + most_moved) / resolution) + 2
 
 
 def check_free(name: str, points: ArrayLike, grid: Grid, cost: ArrayLike) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from qocjax.navigation.costmap import Layers, Obstacles, StaticLayer, costmap_la
 from qocjax.navigation.critics import COLLISION
 from qocjax.navigation.local_path import MapCosts
 from qocjax.navigation.mppi import Limits, Rollouts, State, step
+from qocjax.navigation.patches import patched
 from qocjax.navigation.planner import plan
 from qocjax.navigation.stack_parts import StackParts
 from qocjax.navigation.varied import varied
@@ -68,7 +70,7 @@ def cycle(stack: StackParts, robot: Robot, planning: Array, length: int | None =
     """
     stack = varied(stack, robot.values)
     dtype, begin = robot.begin.dtype, robot.begin
-    cost = _layers(stack, robot.obstacles, dtype).total().astype(dtype)
+    cost = _cost(stack, robot.obstacles, dtype)
     path, found = _path(stack, robot, cost, planning)
     has_path = robot.has_path | (planning & found)
     command, state, rollouts = _step(
@@ -120,9 +122,21 @@ def look(stack: StackParts, view: View) -> tuple[Layers, Rollouts]:
     return layers, rollouts
 
 
+def _cost(stack: StackParts, obstacles: Obstacles, dtype: jnp.dtype) -> Array:
+    """The sum of the layers: patches around the other robots where they are smaller than the map."""
+    grid, reach = stack.static_map.grid, stack.influence
+    discs = obstacles.x.shape[-1]
+    if reach is None or discs * (2 * reach + 1) ** 2 >= math.prod(grid.shape):
+        return _layers(stack, obstacles, dtype).total().astype(dtype)
+    return patched(jnp.asarray(stack.closed, dtype), grid, _static(stack, dtype), obstacles, stack.inflation, reach)
+
+
+def _static(stack: StackParts, dtype: jnp.dtype) -> StaticLayer:
+    return StaticLayer(*(jnp.asarray(each, dtype) for each in stack.static))
+
+
 def _layers(stack: StackParts, obstacles: Obstacles, dtype: jnp.dtype) -> Layers:
-    static = StaticLayer(*(jnp.asarray(each, dtype) for each in stack.static))
-    return costmap_layers(stack.static_map.grid, static, obstacles, stack.inflation)
+    return costmap_layers(stack.static_map.grid, _static(stack, dtype), obstacles, stack.inflation)
 
 
 def _path(stack: StackParts, robot: Robot, cost: Array, planning: Array) -> tuple[Array, Array]:

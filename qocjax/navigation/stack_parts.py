@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import jax
 import numpy as np
+from jax import Array
 
 from qocjax import _checks
-from qocjax.navigation.costmap import Inflation, StaticLayer, costmap_layers, static_layer
+from qocjax.navigation.costmap import Inflation, StaticLayer, costmap_layers, influence, static_layer
 from qocjax.navigation.critics import ConstraintCritic, CostCritic, GoalCritic, PreferForwardCritic
+from qocjax.navigation.grid import Grid
 from qocjax.navigation.maps import StaticMap
 from qocjax.navigation.mppi_config import MppiConfig
 from qocjax.navigation.path_critics import PathAlignCritic, PathFollowCritic
@@ -87,4 +89,19 @@ class StackParts:
     def closed(self) -> np.ndarray:
         """The costmap without other robots, which says where none can be."""
         with jax.ensure_compile_time_eval():
-            return np.asarray(costmap_layers(self.static_map.grid, self.static, None, self.inflation).total())
+            return np.asarray(_alone(self.static_map.grid, self.static, self.inflation))
+
+    @property
+    def influence(self) -> int | None:
+        """Cells from another robot beyond which it costs nothing; None where a design varies what that hangs on."""
+        values = (*jax.tree.leaves(self.inflation), self.max_widening)
+        if not all(_checks.is_concrete(each) for each in values):
+            return None
+        radius = float(np.asarray(self.inflation.robot_radius))
+        return influence(self.inflation, self.static_map.grid.resolution, radius, self.max_widening)
+
+
+@partial(jax.jit, static_argnums=0)
+def _alone(grid: Grid, static: StaticLayer, inflation: Inflation) -> Array:
+    """The costmap without other robots, [rows, cols]."""
+    return costmap_layers(grid, static, None, inflation).total()

@@ -26,7 +26,9 @@ def varied(stack: T, values: Mapping[str, Array]) -> T:
     """
     if not values:
         return stack
-    kept = {"static": stack.static}
+    kept: dict[str, Any] = {"static": stack.static}
+    if not any(name.removeprefix(_PART).startswith("inflation.") for name in values):
+        kept["closed"] = stack.closed
     for name, value in values.items():
         stack = _with(stack, name.removeprefix(_PART).split("."), value)
     vars(stack).update(kept)

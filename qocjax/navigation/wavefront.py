@@ -110,15 +110,15 @@ def nearest_usable(usable: Array, row: Array, col: Array, grid: Grid, tolerance:
 
 def _settle(value: Array, price: Array) -> Array:
     """Sweeps until Bellman's equation holds: V(a) = min over neighbours n of length · price(n) + V(n)."""
-    lines = [_moves_between_lines(jnp.moveaxis(price, axis, 0)) for axis in (-2, -1)]
+    prices = [jnp.moveaxis(price, axis, 0) for axis in (-2, -1)]
 
     def sweep(state: tuple[Array, Array]) -> tuple[Array, Array]:
         value, _ = state
         new = value
-        for (from_before, from_after), turned in zip(lines, (False, True), strict=True):
+        for lines, turned in zip(prices, (False, True), strict=True):
             new = jnp.swapaxes(new, 0, -1) if turned else new
-            new = _along(new, from_before, reverse=False)
-            new = _along(new, from_after, reverse=True)
+            new = _along(new, lines, reverse=False)
+            new = _along(new, lines, reverse=True)
             new = jnp.swapaxes(new, 0, -1) if turned else new
         return new, jnp.any(new < value)
 
@@ -126,36 +126,29 @@ def _settle(value: Array, price: Array) -> Array:
     return jnp.moveaxis(settled, 0, -2)
 
 
-def _moves_between_lines(price: Array) -> list[tuple[Array, Array, Array]]:
-    """Cost of the moves from each cell into the line before it, and into the one after: straight, left and right.
+def _along(value: Array, price: Array, reverse: bool) -> Array:
+    """One sweep over the lines of [lines, *B, cells]: each takes the best over its neighbours in the line before.
 
     Args:
-        price: [lines, *B, cells] of a metre in each cell, infinite in closed ones.
+        value: Costs so far.
+        price: Of a metre in each cell, infinite in closed ones.
+        reverse: Whether the line before is the one with the higher index.
     """
-    moves, last = [], price.ndim - 1
-    for step in (1, -1):
-        other = _shifted(price, step, 0)
-        open_ = jnp.isfinite(price) & jnp.isfinite(other)
-        left, right = (
-            ROOT2 * jnp.where(open_ & jnp.isfinite(_shifted(price, by, last)), _shifted(other, by, last), jnp.inf)
-            for by in (1, -1)
-        )
-        moves.append((jnp.where(open_, other, jnp.inf), left, right))
-    return moves
+    axis = value.ndim - 2
+    closed = jnp.full_like(value[0], jnp.inf)
 
+    def line(before: tuple[Array, Array], here: tuple[Array, Array]) -> tuple[tuple[Array, Array], Array]:
+        (reached, there), (best, own) = before, here
+        # A move is closed where its own cell is, the one that it leads to, or one of the two that a diagonal passes.
+        straight = jnp.where(jnp.isfinite(own), there, jnp.inf)
+        best = jnp.minimum(best, reached + straight)
+        for by in (1, -1):
+            beside = jnp.isfinite(straight) & jnp.isfinite(_shifted(own, by, axis))
+            diagonal = ROOT2 * jnp.where(beside, _shifted(there, by, axis), jnp.inf)
+            best = jnp.minimum(best, _shifted(reached, by, axis) + diagonal)
+        return (best, own), best
 
-def _along(value: Array, moves: tuple[Array, Array, Array], reverse: bool) -> Array:
-    """One sweep over the lines of [lines, *B, cells]."""
-
-    def line(before: Array, here: tuple[Array, Array, Array, Array]) -> tuple[Array, Array]:
-        own, straight, left, right = here
-        axis = before.ndim - 1
-        best = jnp.minimum(own, before + straight)
-        best = jnp.minimum(best, _shifted(before, 1, axis) + left)
-        best = jnp.minimum(best, _shifted(before, -1, axis) + right)
-        return best, best
-
-    return lax.scan(line, jnp.full_like(value[0], jnp.inf), (value, *moves), reverse=reverse)[1]
+    return lax.scan(line, (closed, closed), (value, price), reverse=reverse)[1]
 
 
 def _shifted(array: Array, by: int, axis: int) -> Array:
