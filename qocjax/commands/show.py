@@ -82,10 +82,11 @@ def _view(done: Run, stack: NavigationStack, robot: int, tick: int) -> CostmapVi
     seen = snapshot(stack, done, tick, robot)
     rollouts = seen.rollouts
     assert rollouts.x is not None and rollouts.y is not None  # a snapshot records them; for the type checker
+    static, obstacles, inflation, total = (each.astype(np.uint8) for each in (*seen.layers, seen.total))
     return CostmapView(
-        grid=stack.static_map.grid, static=seen.layers.static, obstacles=seen.layers.obstacles,
-        inflation=seen.layers.inflation, total=seen.layers.total(), path=seen.path, rollout_x=rollouts.x,
-        rollout_y=rollouts.y, weight=rollouts.weight, poses=done.pose[tick], robot=robot, begin=seen.begin,
+        grid=stack.static_map.grid, static=static, obstacles=obstacles, inflation=inflation, total=total,
+        path=seen.path, rollout_x=rollouts.x, rollout_y=rollouts.y, weight=rollouts.weight,
+        poses=done.pose[tick], robot=robot, begin=seen.begin,
         goal=seen.goal, robot_radius=float(done.robot_radius), time=float(done.time[tick]),
     )  # fmt: skip
 

@@ -5,6 +5,7 @@ The colours are the paper's: the static layer black, obstacles light blue, infla
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -21,7 +22,7 @@ from matplotlib.patches import Circle, Patch, Rectangle
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike, NDArray
 
-from qocjax.figures.plane import GOAL, Colour, GridLike, colours_of, draw_body
+from qocjax.figures.plane import GOAL, Colour, GridLike, colours_of, draw_body, draw_cells, levels
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, GREY, paper_style
 from qocjax.navigation.maps import FREE, INSCRIBED, LETHAL, UNKNOWN
 
@@ -177,17 +178,23 @@ def _ratio(grid: GridLike) -> float:
     return (y_to - y_from) / (x_to - x_from)
 
 
+@functools.cache
+def _table() -> NDArray[np.uint8]:
+    """The colour of each cost, [256, 4]."""
+    table = np.ones((UNKNOWN + 1, 4))
+    open_ = np.arange(FREE + 1, INSCRIBED)
+    table[open_] = _PINK(open_ / (INSCRIBED - 1))
+    for level, colour in ((INSCRIBED, _CLOSED), (LETHAL, _STATIC), (UNKNOWN, _UNKNOWN)):
+        table[level] = matplotlib.colors.to_rgba(colour)
+    return levels(table)
+
+
 def _draw_cells(panel: Axes, view: CostmapView, cost: NDArray[np.float64]) -> None:
     """Draws costs in the colours of the layers: where an obstacle was seen blue, on the static map black."""
-    open_ = (cost > FREE) & (cost < INSCRIBED)
-    shown = np.ones((*cost.shape, 4))
-    shown[open_] = _PINK(cost[open_] / (INSCRIBED - 1))
-    for level, colour in ((INSCRIBED, _CLOSED), (LETHAL, _STATIC), (UNKNOWN, _UNKNOWN)):
-        shown[cost == level] = matplotlib.colors.to_rgba(colour)
+    shown = _table()[cost.astype(np.uint8)]
     seen = (cost == LETHAL) & (np.asarray(view.obstacles) == LETHAL) & (np.asarray(view.static) != LETHAL)
-    shown[seen] = matplotlib.colors.to_rgba(_OBSTACLE)
-    x_from, x_to, y_from, y_to = view.grid.extent
-    panel.imshow(shown, extent=(x_from, x_to, y_from, y_to), origin="lower", interpolation="none", zorder=1)
+    shown[seen] = levels(np.array(matplotlib.colors.to_rgba(_OBSTACLE)))
+    draw_cells(panel, view.grid, shown)
 
 
 def _draw_view(panel: Axes, view: CostmapView) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,14 +18,18 @@ from qocjax.navigation.stack import NavigationStack
 __all__ = ["Snapshot", "snapshot"]
 
 
-_look = jax.jit(look, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
+def _look(stack: NavigationStack, view: View) -> tuple[Layers, jax.Array, Rollouts]:
+    layers, rollouts = look(stack, view)
+    return layers, layers.total(), rollouts
 
 
 class Snapshot(NamedTuple):
     """A cycle, as NumPy arrays."""
 
     grid: Grid
-    layers: Layers  # each [rows, cols]
+    layers: Layers  # each [rows, cols], 0 to 255
+    total: np.ndarray  # [rows, cols] their sum
     path: np.ndarray  # [L, 2] global path, the last point repeated (m)
     rollouts: Rollouts  # K rollouts of H points
     begin: np.ndarray  # [3] where the rollouts begin (m, m, rad)
@@ -52,9 +57,9 @@ def snapshot(stack: NavigationStack, run: Any, tick: int, robot: int) -> Snapsho
         if not _checks.count(name, value, least=0) < count:
             raise ValueError(f"{name}: got {value}, expected below {count}")
     view: View = jax.tree.map(lambda a: a[tick, robot], run.view)
-    layers, rollouts = jax.tree.map(np.asarray, _look(stack, view))
+    layers, total, rollouts = jax.tree.map(np.asarray, _look(stack, view))
     discs = view.obstacles
     return Snapshot(
-        stack.static_map.grid, layers, np.asarray(view.path), rollouts, np.asarray(view.begin),
+        stack.static_map.grid, layers, total, np.asarray(view.path), rollouts, np.asarray(view.begin),
         np.stack([discs.x, discs.y], axis=-1), np.asarray(discs.speed * discs.age), np.asarray(view.goal),
     )  # fmt: skip
