@@ -13,12 +13,22 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-__all__ = ["EXACT", "POLYNOMIALS", "AngleMath", "angle_math"]
+__all__ = ["EXACT", "POLYNOMIALS", "AngleMath", "angle_math", "at_least", "at_most"]
 
 # Minimax for atan(a)/a in a² on [0, 1]: error below 4e-8 rad before rounding.
 _ATAN = (
     -0.00405456047, 0.021862934, -0.0559122931, 0.0964219492, -0.139086286, 0.199465655, -0.333298608, 0.999999336,
 )  # fmt: skip
+
+
+def at_least(value: Array, floor: Array | float) -> Array:
+    """The larger of the two, NaN where the value is: one instruction, where `jnp.maximum` guards against either NaN."""
+    return jnp.where(floor > value, floor, value)
+
+
+def at_most(value: Array, cap: Array | float) -> Array:
+    """The smaller of the two, NaN where the value is."""
+    return jnp.where(cap < value, cap, value)
 
 
 class AngleMath(NamedTuple):
@@ -75,14 +85,15 @@ def _polynomial_sinc_cos(terms: int) -> Callable[[Array], tuple[Array, Array]]:
 def _polynomial_atan2(y: Array, x: Array) -> Array:
     """Octant reduction and a minimax polynomial: error below 3e-7 rad in float32."""
     abs_x, abs_y = jnp.abs(x), jnp.abs(y)
-    larger = jnp.maximum(abs_x, abs_y)
-    a = jnp.minimum(abs_x, abs_y) / jnp.where(larger > 0, larger, 1.0)
+    larger = at_least(abs_x, abs_y)
+    a = at_most(abs_x, abs_y) / jnp.where(larger > 0, larger, 1.0)
     s = a * a
     r = jnp.full_like(s, _ATAN[0])
     for coefficient in _ATAN[1:]:
         r = r * s + coefficient
     r = r * a
-    r = jnp.where(abs_y > abs_x, jnp.pi / 2 - r, r)
+    # Not the comparison that `at_least` makes: XLA would compute it once, for both, and keep it in memory.
+    r = jnp.where(abs_x < abs_y, jnp.pi / 2 - r, r)
     r = jnp.where(x < 0, jnp.pi - r, r)
     return jnp.where(y < 0, -r, r)
 

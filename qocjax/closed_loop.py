@@ -6,23 +6,23 @@ once for both; how a batch is laid out is the business of `qocjax.batch`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from qocjax._math import AngleMath
 from qocjax.controllers import Apf, Controller, PlanMaker, Sight, Task, plan_of
 from qocjax.network.schedule import Rules, Schedule, schedule, split_deadline
 from qocjax.packets import Replayed, UnderWay, following, in_force, none_under_way
 from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
-from qocjax.quality import Tally
-from qocjax.reference import reference_path
+from qocjax.quality import Side, Tally, Yardstick
+from qocjax.reference import reference_path, reference_way
 from qocjax.robots import Command, Pose, pose_from
 from qocjax.scenario import CONTINUOUS, Design, Scenario
+from qocjax.timeline import Row, Stretch, cut, timeline
 
 __all__ = ["Outcome", "Plan", "Recorded", "run_closed_loop"]
 
@@ -77,21 +77,10 @@ class _State:
 
     pose: Pose
     applied: Command  # the command in force, before any hold gain; the packet, [M, N, *B], where commands are plans
-    speed: Command | None  # at which the robot drives at t_p, None where nothing reads it; the last command if obeyed
-    error: tuple[Array, Array]  # disagreement delta at t_p
+    side: Side | None  # the motion that ends at t_p, None where the row and the command in force tell
     tally: Tally
     memory: Any  # the controller's
     under_way: UnderWay | Replayed | None  # what was sent, where a plan is to begin from the predicted pose
-
-
-class _Row(NamedTuple):
-    """What one tick takes from outside."""
-
-    tick: Array
-    length: Array  # time from t_p to the next sampling instant, or to the horizon (s)
-    network: Schedule
-    reference_mid: tuple[Array, Array] | None  # at t_p + rest
-    reference_end: tuple[Array, Array]
 
 
 def run_closed_loop(
@@ -113,40 +102,32 @@ def run_closed_loop(
     mid_tick = rest > 0 if plan.mid_tick is None else plan.mid_tick
     network = schedule(loop_times, deadline, tau, plan.rules, mid_tick)
 
-    num_ticks = loop_times.shape[0]
-    instants = jnp.minimum(jnp.arange(num_ticks + 1) * tau, scenario.horizon)
-    goal = _per_robot(jnp.asarray(scenario.goal), start)
-    path = reference_path(instants, start, goal, scenario, design)
-    between = None
-    if mid_tick is not False:
-        between = reference_path(jnp.minimum(instants[:-1] + rest, scenario.horizon), start, goal, scenario, design)
-    # Not as differences of instants: in float32 those are off by 1e-4 of a tick late in a run.
-    lengths = jnp.clip(scenario.horizon - instants[:-1], 0.0, tau)
-    rows = _Row(jnp.arange(num_ticks), lengths, network, between, (path[0][1:], path[1][1:]))
-
+    num_ticks, goal = loop_times.shape[0], _per_robot(jnp.asarray(scenario.goal), start)
+    rows, end = timeline(start, goal, network, scenario, design, None if mid_tick is False else rest)
     pose = jax.tree.map(lambda a: jnp.broadcast_to(a, _batch_shape(start, loop_times, design)), pose_from(start))
     still = scenario.robot.still(pose)
     task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.robot)
     memory = plan.controller.begin(task, pose, keys)
-    kept = still if scenario.robot.remembers or plan.controller.sees_speed else None
     packet, under_way = still, None
     if plan.rules.plan_length is not None:
         packet = jax.tree.map(lambda a: jnp.zeros((plan.rules.plan_length, *a.shape), a.dtype), still)
         if plan.rules.actuation == "deadline" and not isinstance(plan.controller, PlanMaker):
             under_way = none_under_way(task, pose, plan.lag)
-    error = (pose.x - path[0][0], pose.y - path[1][0])
-    state = _State(pose, packet, kept, error, Tally.zero(pose), memory, under_way)
-    tick = _Tick(scenario, task, mid_tick, plan)
+    yardstick = Yardstick(*reference_way(start, goal, scenario.reference_per_robot), scenario.weights)
+    tick = _Tick(scenario, task, yardstick, mid_tick, plan)
+    state = _State(pose, packet, tick.first_side(still, end), Tally.zero(pose), memory, under_way)
     loop = Loop(tick.sample, tick.act, packet)
     if plan.slots == 0:
         state, recorded = in_blocks(loop, state, rows, plan.lag), None
     else:
         state, recorded = through_buffer(loop, state, rows, network.source, lag, plan.rules, plan.slots)
-    tally = state.tally.at_instant(num_ticks, state.pose, task.goal, design)
+    tally = tick.at_end(state, end)
     report = plan.controller.report(state.memory)
     if recorded is None:
         return Outcome(tally, network, report, None)
     poses = jax.tree.map(lambda each, last: jnp.concatenate([each, last[None]]), recorded[0], state.pose)
+    instants = jnp.minimum(jnp.arange(num_ticks + 1) * tau, scenario.horizon)
+    path = reference_path(instants, start, goal, scenario, design)
     return Outcome(tally, network, report, Recorded(poses, recorded[1], recorded[2], path, recorded[3]))
 
 
@@ -156,25 +137,32 @@ class _Tick:
 
     scenario: Scenario
     task: Task
+    yardstick: Yardstick
     mid_tick: bool | Array
     plan: Plan
 
-    def sample(self, state: _State, row: _Row) -> tuple[_State, Command, Any]:
+    def first_side(self, still: Command, end: Row) -> Side | None:
+        """What ends at the beginning: nothing, of the shapes of what will; None where that is not kept."""
+        if self.scenario.robot.obeyed(still) is None:
+            return Side(jnp.zeros_like(still.nu), still, jnp.zeros_like(still.nu))
+        return Side(jnp.zeros_like(end.duration_before), still) if self.plan.controller.sees_speed else None
+
+    def sample(self, state: _State, row: Row) -> tuple[_State, Command, Any]:
         """Reads the poses at t_p and computes the new command."""
         tally = state.tally.at_instant(row.tick, state.pose, self.task.goal, self.task.design)
-        sight = Sight(row.tick, state.pose, row.network.age, state.speed)
+        sight = Sight(row.tick, state.pose, row.network.age, self._speed(state))
         if (length := self.plan.rules.plan_length) is None:
             memory, command, view = self.plan.controller.command(self.task, state.memory, sight)
             return replace(state, tally=tally, memory=memory), command, view
         under_way = state.under_way
         if under_way is not None:
-            sight = sight._replace(begin=under_way.predicted(self.task, state.pose, state.speed))
+            sight = sight._replace(begin=under_way.predicted(self.task, state.pose, self._speed(state)))
         memory, packet, view = plan_of(self.plan.controller, self.task, state.memory, sight, length)
         if under_way is not None:
             under_way = under_way.sent(self.task, in_force(packet))
         return replace(state, tally=tally, memory=memory, under_way=under_way), packet, view
 
-    def act(self, state: _State, row: _Row, due: Command) -> tuple[_State, Any]:
+    def act(self, state: _State, row: Row, due: Command) -> tuple[_State, Any]:
         """The due command takes effect if its loop completed; the robots move, in two pieces where that is between.
 
         That is at t_p + rest, where the deadline is no multiple of tau.
@@ -182,21 +170,46 @@ class _Tick:
         net = row.network
         if state.under_way is not None:
             state = replace(state, under_way=state.under_way.due(self.task, in_force(due)))
-        if row.reference_mid is None:
-            applied = self._choose(net.fresh, due, state.applied, True)
-            first = self._driven(applied, net.gain_start)
-            moved = self._move(state, applied, first, row.length, row.reference_end)
-        else:
-            applied = self._choose(net.fresh, due, state.applied, jnp.logical_not(self.mid_tick))
-            first = self._driven(applied, net.gain_start)
-            h = jnp.minimum(self.task.rest, row.length)
-            halfway = self._move(state, applied, first, h, row.reference_mid)
+        at_once, *later = row.stretches
+        applied = self._choose(net.fresh, due, state.applied, jnp.logical_not(self.mid_tick) if later else True)
+        first = self._driven(applied, net.gain_start)
+        moved, side = self._move(replace(state, applied=applied), self._before(state, row), first, at_once)
+        for stretch in later:
+            # Computed once: all that the second motion gives would else have the first in it.
+            halfway = replace(moved, pose=lax.optimization_barrier(moved.pose))
             applied = self._choose(net.fresh, due, applied, self.mid_tick)
             second = self._driven(applied, net.gain_mid)
-            moved = self._move(halfway, applied, second, row.length - h, row.reference_end)
+            moved, side = self._move(replace(halfway, applied=applied), side, second, stretch)
+        if state.side is not None:
+            moved = replace(
+                moved, side=jax.tree.map(lambda new, old: jnp.broadcast_to(new, old.shape), side, state.side)
+            )
         if not self.plan.record:
             return moved, None
-        return moved, (state.pose, first, state.speed if self.scenario.robot.remembers else first)
+        return moved, (state.pose, first, self._speed(state) if self.scenario.robot.remembers else first)
+
+    def at_end(self, state: _State, end: Row) -> Tally:
+        """The totals, with what is read at the end of the horizon."""
+        tally = state.tally.at_instant(end.tick, state.pose, self.task.goal, self.task.design)
+        before, (nothing,) = self._before(state, end), end.stretches
+        after = jax.tree.map(jnp.zeros_like, before)
+        return tally.at_kink(
+            self.yardstick, state.pose, before, after, nothing.left, nothing.bend if before.drawn is None else None
+        )
+
+    def _before(self, state: _State, row: Row) -> Side:
+        """The motion that ends at t_p."""
+        if state.side is not None:
+            return state.side
+        speed = self.scenario.robot.obeyed(self._driven(state.applied, row.gain_before))
+        assert speed is not None  # else there is a side; for the type checker
+        return Side(row.duration_before, speed)
+
+    def _speed(self, state: _State) -> Command | None:
+        """At which robots drive as t_p is reached: the last command if obeyed at once; None where nothing reads it."""
+        if state.side is None or not (self.scenario.robot.remembers or self.plan.controller.sees_speed):
+            return None
+        return state.side.speed
 
     def _choose(self, fresh: Array, due: Command, held: Command, now: bool | Array) -> Command:
         """What is in force after an instant at which commands take effect, if this is one."""
@@ -208,33 +221,17 @@ class _Tick:
         """The command that the robots follow."""
         return (applied if self.plan.rules.plan_length is None else in_force(applied)).scaled(gain)
 
-    def _move(
-        self, state: _State, applied: Command, command: Command, h: Array, reference: tuple[Array, Array]
-    ) -> _State:
-        """Moves under a constant command and takes each piece of the motion into the totals."""
-        pieces = self.scenario.robot.move(state.pose, state.speed, command, h, self.plan.math)
-        path = [reference] if len(pieces) == 1 else _straight(state, reference, h, [each.duration for each in pieces])
-        state = replace(state, applied=applied)
-        for piece, (x, y) in zip(pieces, path, strict=True):
-            error = (piece.pose.x - x, piece.pose.y - y)
-            tally = state.tally.over_piece(self.scenario, (state.error, error), state.pose, piece)
-            speed = None if state.speed is None else piece.speed
-            state = replace(state, pose=piece.pose, speed=speed, error=error, tally=tally)
-        return state
-
-
-def _straight(
-    state: _State, reference: tuple[Array, Array], h: Array, durations: Sequence[Array]
-) -> list[tuple[Array, Array]]:
-    """The reference at the end of each piece of a motion: over all of them together it counts as straight."""
-    start = (state.pose.x - state.error[0], state.pose.y - state.error[1])
-    left, per_second, found = h, 1.0 / jnp.where(h > 0, h, 1.0), []
-    for duration in durations:
-        left = left - duration
-        share = left * per_second
-        x, y = (last - share * (last - first) for first, last in zip(start, reference, strict=True))
-        found.append((x, y))
-    return found
+    def _move(self, state: _State, before: Side, command: Command, stretch: Stretch) -> tuple[_State, Side]:
+        """Moves under a constant command and takes each piece of the motion into the totals; says how it ends."""
+        pieces = self.scenario.robot.move(state.pose, before.speed, command, stretch.duration, self.plan.math)
+        one = self.scenario.robot.obeyed(command) is not None
+        whole = [stretch] if one else cut(stretch, [each.duration for each in pieces])
+        for piece, part in zip(pieces, whole, strict=True):
+            drawn = None if one else part.drawn
+            begin, end = (Side(part.duration, speed, drawn) for speed in (piece.begin, piece.speed))
+            tally = state.tally.at_kink(self.yardstick, state.pose, before, begin, part.left, part.bend)
+            state, before = replace(state, pose=piece.pose, tally=tally.over_piece(piece)), end
+        return state, before
 
 
 def _whole_blocks(loop_times: Array, plan: Plan) -> Array:

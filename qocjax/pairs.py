@@ -8,6 +8,8 @@ from typing import TypeVar
 import jax.numpy as jnp
 from jax import Array, lax
 
+from qocjax._math import at_most
+
 __all__ = ["closest_squared", "pair_forces"]
 
 # Up to this many robots the pairs are written out (one fusion); above it they are a loop, to keep the program small.
@@ -46,7 +48,7 @@ def closest_squared(x: Array, y: Array) -> Array:
 
     def nearest(k: int | Array, half: bool, smallest: Array) -> Array:
         dx, dy = _gap(x, k, half), _gap(y, k, half)
-        return jnp.minimum(smallest, jnp.min(dx * dx + dy * dy, axis=0))
+        return at_most(jnp.min(dx * dx + dy * dy, axis=0), smallest)
 
     return _over_shifts(x.shape[0], nearest, jnp.full(x.shape[1:], jnp.inf, x.dtype))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +12,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from qocjax import _checks
+from qocjax._math import at_most
 from qocjax.pairs import closest_squared
-from qocjax.robots import Piece, Pose
+from qocjax.robots import Command, Piece, Pose
 from qocjax.scenario import Design, Scenario
 
 __all__ = ["QocScale", "Tally", "initial_norm", "qoc", "qoc_slope"]
@@ -75,7 +77,20 @@ def _weighted(scenario: Scenario, x: Array, y: Array) -> Array:
     return weights[0] * x * x + weights[1] * y * y
 
 
-Ends = tuple[tuple[Array, Array], tuple[Array, Array]]
+class Yardstick(NamedTuple):
+    """What the disagreement is measured by: a reference on a line, at `goal + left * way`, and the weights."""
+
+    goal: tuple[Array, Array]  # where it ends (m), each broadcastable to [N, *B]
+    way: tuple[Array, Array]  # from there to where it starts (m)
+    weights: ArrayLike  # [2] W
+
+
+class Side(NamedTuple):
+    """A piece of motion, seen from the instant at one of its ends."""
+
+    duration: Array  # h (s), broadcastable to [N, *B]
+    speed: Command  # there, in the robots' own frames
+    drawn: Array | None = None  # `qocjax.timeline.Stretch`; None where what reads it is known beforehand
 
 
 @jax.tree_util.register_dataclass
@@ -102,43 +117,43 @@ class Tally:
             self.integral,
             self.path_length,
             self.effort,
-            jnp.minimum(self.closest, closest_squared(pose.x, pose.y)),
+            at_most(closest_squared(pose.x, pose.y), self.closest),
             jnp.where(away, jnp.asarray(tick, self.last_away.dtype), self.last_away),
         )
 
-    def over_piece(self, scenario: Scenario, error: Ends, pose: Pose, piece: Piece) -> Tally:
-        """Takes in a piece of motion.
+    def at_kink(
+        self, yardstick: Yardstick, pose: Pose, before: Side, after: Side, left: Array, bend: Array | None = None
+    ) -> Tally:
+        """Takes in the share that an instant between two pieces of motion has in the squared disagreement.
 
-        The squared disagreement is integrated by the trapezoid corrected with its slopes at both ends, h/2 (f + f') +
-        h²/12 (df - df'), which is exact for cubics; over a piece the reference counts as straight.
+        This is integrated over each piece by the trapezoid corrected with its slopes at both ends, h/2 (f + f') +
+        h²/12 (df - df'), which is exact for cubics; the reference counts as straight. Both pieces' terms at the instant
+        are one product: with e the disagreement and v the velocity relative to the reference, before and after,
+        e · ((h + h')/2 e + (h'² v' - h² v)/6).
 
         Args:
-            scenario: The weights W.
-            error: delta at the beginning and at the end, each a pair of coordinates [N, *B].
-            pose: At the beginning.
-            piece: What is moved.
+            yardstick: What is measured by.
+            pose: At the instant.
+            before: The piece that ends.
+            after: The piece that begins.
+            left: Share of the reference's way that is left.
+            bend: What is drawn after less before, if the sides do not have it.
         """
-        return replace(
-            self,
-            integral=self.integral + self._area(scenario, error, pose, piece),
-            path_length=self.path_length + piece.length,
-            effort=self.effort + piece.effort,
-        )
+        if bend is None:
+            assert before.drawn is not None and after.drawn is not None  # for the type checker
+            bend = after.drawn - before.drawn
+        squares = [(1 / 6) * side.duration * side.duration for side in (before, after)]
+        half = 0.5 * (before.duration + after.duration)
+        turn = jax.tree.map(lambda v, w: squares[1] * w - squares[0] * v, before.speed, after.speed)
+        change_x, change_y = turn.nu * pose.cos, turn.nu * pose.sin
+        if turn.nu_y is not None:
+            change_x, change_y = change_x - turn.nu_y * pose.sin, change_y + turn.nu_y * pose.cos
+        (goal_x, goal_y), (way_x, way_y), weights = yardstick
+        e_x, e_y = pose.x - goal_x - left * way_x, pose.y - goal_y - left * way_y
+        share_x, share_y = e_x * (half * e_x + change_x - bend * way_x), e_y * (half * e_y + change_y - bend * way_y)
+        weights = jnp.asarray(weights)
+        return replace(self, integral=self.integral + (weights[0] * share_x + weights[1] * share_y))
 
-    def _area(self, scenario: Scenario, error: Ends, pose: Pose, piece: Piece) -> Array:
-        """∫ |delta|²_W dt of a piece."""
-        weights = jnp.asarray(scenario.weights)
-        (x, y), (next_x, next_y) = error
-        begin, end, last = piece.slope_begin, piece.slope_end, piece.pose
-        along_x = self._axis(x, next_x, last.x - pose.x, begin[0], end[0])
-        along_y = self._axis(y, next_y, last.y - pose.y, begin[1], end[1])
-        return (1 / 6) * piece.duration * (weights[0] * along_x + weights[1] * along_y)
-
-    @staticmethod
-    def _axis(a: Array, b: Array, moved: Array, heads: Array, next_heads: Array) -> Array:
-        """Six times the mean squared disagreement along an axis, from a to b; `heads` are the slopes of motion times h.
-
-        3 (a² + b²) + a (heads - r) - b (next_heads - r), where the reference moves by r, in the fewest operations.
-        """
-        change = b - a
-        return a * (3.0 * a + heads) + b * (3.0 * b - next_heads) + (moved - change) * change
+    def over_piece(self, piece: Piece) -> Tally:
+        """Takes in what a piece of motion adds."""
+        return replace(self, path_length=self.path_length + piece.length, effort=self.effort + piece.effort)

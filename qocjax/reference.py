@@ -7,7 +7,7 @@ from jax import Array
 
 from qocjax.scenario import Design, Scenario
 
-__all__ = ["reference_distance", "reference_origin", "reference_path"]
+__all__ = ["reference_distance", "reference_left", "reference_origin", "reference_path", "reference_way"]
 
 
 def reference_distance(time: Array, initial: Array, kappa: Array | float, v_max: Array | float | None) -> Array:
@@ -35,6 +35,28 @@ def reference_origin(start: Array, per_robot: bool) -> tuple[Array, Array]:
     return (x, y) if per_robot else (jnp.mean(x, axis=0, keepdims=True), jnp.mean(y, axis=0, keepdims=True))
 
 
+def reference_way(start: Array, goal: Array, per_robot: bool) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Where the reference ends, and the way from there to where it starts; each coordinate [1 or N, *B] (m).
+
+    Args:
+        start: [N, 3, *B] start poses.
+        goal: [N, 2, *1] goals, of the same rank.
+        per_robot: Whether each robot has a reference of its own.
+    """
+    x, y = reference_origin(start, per_robot)
+    goal_x, goal_y = (goal[: x.shape[0], k] for k in (0, 1))
+    return (goal_x, goal_y), (x - goal_x, y - goal_y)
+
+
+def reference_left(time: Array, start: Array, goal: Array, scenario: Scenario, design: Design) -> Array:
+    """Share of the reference's way that is left at given times, [K, 1 or N, *B]; see `reference_path`."""
+    _, (way_x, way_y) = reference_way(start, goal, scenario.reference_per_robot)
+    initial = jnp.sqrt(jnp.maximum(way_x**2 + way_y**2, jnp.finfo(way_x.dtype).tiny))
+    kappa, v_max = _gain_and_cap(scenario, design)
+    clock = time.reshape((-1,) + (1,) * initial.ndim)
+    return reference_distance(clock, initial[None], kappa, v_max) / initial[None]
+
+
 def reference_path(time: Array, start: Array, goal: Array, scenario: Scenario, design: Design) -> tuple[Array, Array]:
     """The reference at given times.
 
@@ -48,14 +70,9 @@ def reference_path(time: Array, start: Array, goal: Array, scenario: Scenario, d
     Returns:
         The two coordinates, each [K, 1 or N, *B] (m).
     """
-    origin = reference_origin(start, scenario.reference_per_robot)
-    goal_x, goal_y = (goal[: origin[0].shape[0], k] for k in (0, 1))
-    from_x, from_y = origin[0] - goal_x, origin[1] - goal_y
-    initial = jnp.sqrt(jnp.maximum(from_x**2 + from_y**2, jnp.finfo(from_x.dtype).tiny))
-    kappa, v_max = _gain_and_cap(scenario, design)
-    clock = time.reshape((-1,) + (1,) * initial.ndim)
-    left = reference_distance(clock, initial[None], kappa, v_max) / initial[None]
-    return goal_x[None] + left * from_x[None], goal_y[None] + left * from_y[None]
+    (goal_x, goal_y), (way_x, way_y) = reference_way(start, goal, scenario.reference_per_robot)
+    left = reference_left(time, start, goal, scenario, design)
+    return goal_x[None] + left * way_x[None], goal_y[None] + left * way_y[None]
 
 
 def _gain_and_cap(scenario: Scenario, design: Design) -> tuple[Array, Array | None]:

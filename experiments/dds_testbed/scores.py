@@ -14,11 +14,10 @@ from experiments.dds_testbed.crossing import ReceivedBy
 from experiments.dds_testbed.link import EDGE, ROBOT, SIDES
 from experiments.dds_testbed.plan import Plan
 from qocjax import QocScale, Scenario, simulate
-from qocjax._math import EXACT
 from qocjax.controllers import Controller
-from qocjax.quality import Tally, initial_norm
-from qocjax.reference import reference_origin, reference_path
-from qocjax.robots import Command, Pose, arc_piece, pose_from
+from qocjax.quality import Side, Tally, Yardstick, initial_norm
+from qocjax.reference import reference_left, reference_origin, reference_way
+from qocjax.robots import Command, pose_from
 
 __all__ = ["auc_of", "ideal_scale", "loop_table", "loop_times", "messages", "pose_table", "received", "replayed"]
 
@@ -94,27 +93,27 @@ def auc_of(scenario: Scenario, plan: Plan, pieces: Mapping[str, np.ndarray]) -> 
     instants = np.append(pieces["time"] * 1e-9, plan.horizon)
     poses = np.concatenate([pieces["pose"], pieces["last"][None]])
     start, goal = jnp.asarray(scenario.start), jnp.broadcast_to(jnp.asarray(scenario.goal), (plan.num_robots, 2))
-    x, y = reference_path(jnp.asarray(instants), start, goal, scenario, plan.as_design())
-    integral = _integral(scenario, jnp.asarray(poses), jnp.asarray(pieces["speeds"]), jnp.asarray(instants), (x, y))
+    left = reference_left(jnp.asarray(instants), start, goal, scenario, plan.as_design())
+    yardstick = Yardstick(*reference_way(start, goal, scenario.reference_per_robot), scenario.weights)
+    integral = _integral(yardstick, jnp.asarray(poses), jnp.asarray(pieces["speeds"]), jnp.asarray(instants), left)
     origin = reference_origin(start, scenario.reference_per_robot)
     return np.asarray(integral / initial_norm(scenario, start, goal, origin))
 
 
 @jax.jit
 def _integral(
-    scenario: Scenario, poses: jax.Array, speeds: jax.Array, instants: jax.Array, path: tuple[jax.Array, jax.Array]
+    yardstick: Yardstick, poses: jax.Array, speeds: jax.Array, instants: jax.Array, left: jax.Array
 ) -> jax.Array:
     """∫ |delta|²_W dt of each robot over pieces of constant command, [N] m² s."""
+    durations = jnp.pad(jnp.diff(instants), 1)  # nothing moves before the first piece and after the last
+    drawn = durations[None] / 6 * jnp.pad(jnp.diff(left, axis=0), ((1, 1), (0, 0))).T
+    speeds = jnp.pad(speeds, ((1, 1), (0, 0), (0, 0)))
 
     def over(tally: Tally, k: jax.Array) -> tuple[Tally, None]:
-        ends = tuple(pose_from(poses[k + each]) for each in (0, 1))
-        error = tuple((pose.x - path[0][k + each], pose.y - path[1][k + each]) for each, pose in enumerate(ends))
-        command = Command(speeds[k, 0], speeds[k, 1])
-        piece = arc_piece(ends[0], command, instants[k + 1] - instants[k], EXACT)._replace(pose=ends[1])
-        return tally.over_piece(scenario, error, ends[0], piece), None
+        sides = [Side(durations[p], Command(speeds[p, 0], speeds[p, 1]), drawn[:, p]) for p in (k, k + 1)]
+        return tally.at_kink(yardstick, pose_from(poses[k]), *sides, left[k]), None
 
-    first: Pose = pose_from(poses[0])
-    tally, _ = jax.lax.scan(over, Tally.zero(first), jnp.arange(len(speeds)))
+    tally, _ = jax.lax.scan(over, Tally.zero(pose_from(poses[0])), jnp.arange(len(instants)))
     return tally.integral
 
 

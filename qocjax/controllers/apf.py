@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 from jax import Array, lax
 
-from qocjax._math import AngleMath
+from qocjax._math import AngleMath, at_least
 from qocjax.controllers.interface import Sight, Task
 from qocjax.controllers.law import Law
 from qocjax.pairs import pair_forces
@@ -66,10 +65,10 @@ def _repulsion(pose: Pose, age: Array, design: Design) -> tuple[Array, Array]:
     """Sum of v_ij over the other robots (paper, Eqs. 5 and 6)."""
 
     def law(squared_distance: Array, age_i: Array, age_j: Array) -> Array:
-        inverse = lax.rsqrt(jnp.maximum(squared_distance, MIN_DISTANCE**2))
-        stale = jnp.maximum(jnp.maximum(age_i, age_j) - design.deadline, 0.0)
+        inverse = lax.rsqrt(at_least(squared_distance, MIN_DISTANCE**2))
+        stale = at_least(at_least(age_i, age_j) - design.deadline, 0.0)
         # Written as a clipped difference: 1/d > 1/d_eff exactly where d < d_eff.
-        excess = jnp.maximum(inverse - 1.0 / (design.d_safe + design.c_miss * stale), 0.0)
+        excess = at_least(inverse - 1.0 / (design.d_safe + design.c_miss * stale), 0.0)
         return excess * design.eta * inverse * inverse * inverse
 
     return pair_forces(pose.x, pose.y, age, law)

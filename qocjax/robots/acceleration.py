@@ -94,15 +94,13 @@ def accelerated(
 def linear_piece(pose: Pose, part: Part, angles: AngleMath) -> Piece:
     """The motion over which both speeds are linear in time; see `drive`."""
     h, first, last = part
-    end, chords = drive(pose, part, angles), (h * first.nu, h * last.nu)
     squares = (a * (a + b) + b * b for a, b in ((first.nu, last.nu), (first.omega, last.omega)))
     return Piece(
         duration=h,
-        pose=end,
+        pose=drive(pose, part, angles),
+        begin=first,
         speed=last,
-        slope_begin=(chords[0] * pose.cos, chords[0] * pose.sin),
-        slope_end=(chords[1] * end.cos, chords[1] * end.sin),
-        length=jnp.abs(0.5 * (chords[0] + chords[1])),
+        length=jnp.abs(0.5 * (h * first.nu + h * last.nu)),
         effort=(1 / 3) * h * sum(squares),
     )
 

@@ -72,6 +72,10 @@ class Ackermann(Robot):
         most = jnp.abs(command.nu) * (1.0 / jnp.asarray(self.min_turning_r))
         return Command(command.nu, jnp.clip(command.omega, -most, most))
 
+    def obeyed(self, command: Command) -> Command:
+        """The command within what the steering allows."""
+        return self.within(command)
+
     def move(
         self, pose: Pose, speed: Command | None, command: Command, duration: Array, math: AngleMath
     ) -> Sequence[Piece]:

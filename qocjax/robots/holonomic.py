@@ -39,22 +39,24 @@ class Holonomic(Robot):
         left = share * (v_y * pose.cos - v_x * pose.sin)
         return Command(ahead, jnp.zeros_like(ahead), left)
 
+    def obeyed(self, command: Command) -> Command:
+        """The command."""
+        return command
+
     def move(
         self, pose: Pose, speed: Command | None, command: Command, duration: Array, math: AngleMath
     ) -> Sequence[Piece]:
         """A straight line; an arc while the body turns, with a chord of length |v| h sinc(omega h / 2)."""
         nu, omega, left = command.nu, command.omega, command.nu_y
         assert left is not None  # as it is holonomic; for the type checker
-        end, step = glide(pose, command, duration, math), (nu * duration, left * duration)
         squared = nu * nu + left * left
         moving = squared > 0.0  # the gradient of a square root at zero is infinite
         return [
             Piece(
                 duration=duration,
-                pose=end,
+                pose=glide(pose, command, duration, math),
+                begin=command,
                 speed=command,
-                slope_begin=_turned(step, pose.cos, pose.sin),
-                slope_end=_turned(step, end.cos, end.sin),
                 length=duration * jnp.where(moving, jnp.sqrt(jnp.where(moving, squared, 1.0)), 0.0),
                 effort=duration * (squared + omega * omega),
             )

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
-from qocjax._math import AngleMath
+from qocjax._math import AngleMath, at_least, at_most
 
 __all__ = ["Command", "Gains", "Piece", "Pose", "Robot", "pose_from"]
 
@@ -55,11 +55,10 @@ class Command:
 class Piece(NamedTuple):
     """A piece of a motion, and what it adds to the metrics of a run; each array [N, *B]."""
 
-    duration: Array  # s
+    duration: Array  # s; broadcastable where robots obey at once
     pose: Pose  # at its end
-    speed: Command  # at its end
-    slope_begin: tuple[Array, Array]  # velocity along x and y as it begins, times the duration (m)
-    slope_end: tuple[Array, Array]  # and as it ends
+    begin: Command  # speeds as it begins
+    speed: Command  # and at its end
     length: Array  # path length ∫ |velocity| dt (m)
     effort: Array  # control effort, ∫ of the squares of all speeds
 
@@ -131,10 +130,15 @@ class Robot(ABC):
         # |v| cos e and |v| sin e: the desired velocity along and across the heading, so e needs no wrapping.
         along = v_x * pose.cos + v_y * pose.sin
         across = v_y * pose.cos - v_x * pose.sin
+        along, across = lax.optimization_barrier((along, across))
         error = math.atan2(across, along)
-        nu = jnp.minimum(jnp.maximum(along, 0.0), gains.v_max)
-        omega = jnp.minimum(jnp.maximum(error * gains.gamma, jnp.negative(gains.omega_max)), gains.omega_max)
+        nu = at_most(at_least(along, 0.0), gains.v_max)
+        omega = at_most(at_least(error * gains.gamma, jnp.negative(gains.omega_max)), gains.omega_max)
         return Command(nu, omega)
+
+    def obeyed(self, command: Command) -> Command | None:
+        """The speeds at which it drives all along a command, in one piece; None where only its motion tells."""
+        return None
 
     @abstractmethod
     def move(

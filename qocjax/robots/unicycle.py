@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+from jax import Array, lax
 
 from qocjax._math import AngleMath
 from qocjax.robots.acceleration import Acceleration, accelerated
@@ -47,6 +47,10 @@ class Unicycle(Robot):
                 raise TypeError(f"acceleration: got {self.acceleration!r}, expected an Acceleration or None")
             self.acceleration.check()
 
+    def obeyed(self, command: Command) -> Command | None:
+        """The command, unless speeds take time to follow it."""
+        return command if self.acceleration is None else None
+
     def move(
         self, pose: Pose, speed: Command | None, command: Command, duration: Array, math: AngleMath
     ) -> Sequence[Piece]:
@@ -60,15 +64,35 @@ class Unicycle(Robot):
 def arc_piece(pose: Pose, command: Command, duration: Array, math: AngleMath) -> Piece:
     """The arc of a constant command as a piece of motion."""
     nu, omega = command.nu, command.omega
-    end, chord = arc(pose, command, duration, math), duration * nu
     return Piece(
         duration=duration,
-        pose=end,
+        pose=_arc_in_parts(pose, command, duration, math),
+        begin=command,
         speed=command,
-        slope_begin=(chord * pose.cos, chord * pose.sin),
-        slope_end=(chord * end.cos, chord * end.sin),
-        length=jnp.abs(chord),
+        length=jnp.abs(duration * nu),
         effort=duration * (nu * nu + omega * omega),
+    )
+
+
+def _arc_in_parts(pose: Pose, command: Command, duration: Array, math: AngleMath) -> Pose:
+    """The same as `arc`, in the fewest operations where a compiler computes each coordinate in a loop of its own.
+
+    All four are one product away from the mean heading, sinc(a) (cos, sin)(theta + a), which is computed once:
+    cos(theta + 2 a) = cos(theta) - 2 a sinc(a) sin(theta + a).
+    """
+    a = command.omega * (0.5 * duration)
+    sinc, cos_a = math.sinc_cos(a)
+    sin_a = a * sinc
+    mean_cos = sinc * (pose.cos * cos_a - pose.sin * sin_a)
+    mean_sin = sinc * (pose.sin * cos_a + pose.cos * sin_a)
+    mean_cos, mean_sin = lax.optimization_barrier((mean_cos, mean_sin))
+    chord, turn = command.nu * duration, command.omega * duration
+    return Pose(
+        x=pose.x + chord * mean_cos,
+        y=pose.y + chord * mean_sin,
+        cos=pose.cos - turn * mean_sin,
+        sin=pose.sin + turn * mean_cos,
+        heading=pose.heading + turn,
     )
 
 
