@@ -15,11 +15,13 @@ from slow_loop import run as run_slow_loop
 from experiments.bench.baselines import Unavailable, Work, make_work, reference_path
 from experiments.bench.baselines.work import DESIGN
 from experiments.bench.mppi import scene
+from experiments.bench.study import NETWORK, Study, work_of
 from experiments.bench.timing import machine, measure
+from qocjax import Design, Scenario, evaluate
 from qocjax.navigation import MapCosts, MppiConfig, initial_state, step
 from qocjax.navigation.noise import seed_of
 
-BASELINES = ("numpy_loop", "vmap_scan", "numba_loop", "cpp_kernel")
+BASELINES = ("numpy_loop", "vmap_scan", "numba_loop", "cpp_kernel", "cpp_metrics")
 LANE_FIELDS = (*DESIGN, "deadline", "seed")
 
 # Model, section 11, the rows with actuation `deadline`: deadline (s), tau (s), eta, AUC of the two robots (s).
@@ -186,3 +188,17 @@ def test_one_cycle_of_mppi_in_cpp_is_that_of_qocjax(place: str) -> None:
         np.testing.assert_allclose(cpp.sequence, [state.vx, state.wz], atol=2e-5)
         cpp.sequence[:], cpp.past[:] = (state.vx, state.wz), (state.past_vx, state.past_wz)
     assert (np.max(rollouts.cost) > 100.0) == (place == "blocked")
+
+
+@pytest.mark.parametrize("deadline", [0.0, 0.2, 0.193])
+def test_all_metrics_in_cpp_as_in_qocjax(deadline: float) -> None:
+    """Command at the beginning, at the end and inside of a tick; short, so that meeting robots amplify no rounding."""
+    values = {name: np.repeat(value, 2) for name, value in DESIGN.items()} | {"kappa": np.array([1.5, 2.5])}
+    study = Study(Scenario(horizon=3.0), Design(**values, tau=0.01, deadline=np.full(2, deadline)), range(3))
+    run("cpp_metrics", work_of(study))
+    found = importlib.import_module("experiments.bench.baselines.cpp_metrics").metrics(work_of(study))
+    runs = evaluate(study.scenario, study.designs, NETWORK, study.seeds)
+    assert set(found) == set(runs.data_vars)
+    assert 0 < found["completed_share"].min() < 1 or deadline == 0
+    for name, got in found.items():
+        np.testing.assert_allclose(got, runs[name].values.reshape(got.shape), rtol=3e-4, atol=1e-6, err_msg=name)

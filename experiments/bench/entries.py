@@ -45,6 +45,8 @@ _BOTH = ("evaluate", "program")
 ENTRIES = (
     Entry("C++ kernel", "cpp_kernel", "all"),
     Entry("C++ kernel", "cpp_kernel", "medium", one_core=True),
+    Entry("C++ kernel, all metrics", "cpp_metrics", "all"),
+    Entry("C++ kernel, all metrics", "cpp_metrics", "medium", one_core=True),
     Entry("qocjax.evaluate", "qocjax", "all", _BOTH, whole_loop=True),
     Entry("qocjax.evaluate", "qocjax", "medium", _BOTH, one_core=True, whole_loop=True),
     Entry("qocjax.evaluate without XLA_FLAGS", "qocjax", "medium", _BOTH),

@@ -19,7 +19,8 @@ __all__ = ["draw_growth", "draw_rates", "draw_times", "markdown", "printed", "wr
 
 GRID_NAMES = {"on": "multiples of τ", "off": "others"}
 COLUMNS = {
-    "ns_per_robot_step": "ns per robot-step", "over_cpp": "its time / C++", "vmap_over": "plain vmap / its time",
+    "ns_per_robot_step": "ns per robot-step", "over_cpp": "its time / C++", "over_cpp_metrics": "/ C++, all metrics",
+    "vmap_over": "plain vmap / its time",
     "first_call_s": "first call (s)", "best_s": "best call (s)", "mean_auc_s": "mean AUC (s)",
 }  # fmt: skip
 

@@ -31,6 +31,7 @@ from experiments.bench.timing import machine
 __all__ = ["Record", "check", "main", "measure_all"]
 
 GRIDS = ("on", "off")
+RATIOS = (("over_cpp", "cpp_kernel"), ("over_cpp_metrics", "cpp_metrics"), ("vmap_over", "vmap_scan"))
 TOLERANCE = 0.01  # on the mean AUC of any two entries: float32 runs of meeting robots differ, their mean does not
 
 
@@ -145,14 +146,14 @@ def _row(record: Record) -> dict[str, Any]:
 
 
 def _with_ratios(table: pd.DataFrame) -> pd.DataFrame:
-    """Adds the time over that of the C++ kernel on as many cores, and that of plain vmap on all cores over the time."""
+    """Adds the time over those of the C++ kernels on as many cores, and that of plain vmap over the time."""
     ns = table["ns_per_robot_step"]
-    for column, module in (("over_cpp", "cpp_kernel"), ("vmap_over", "vmap_scan")):
+    for column, module in RATIOS:
         chosen = table[(table["module"] == module) & ~table["whole_loop"]]
         time = {(row.deadlines, row.one_core): row.ns_per_robot_step for row in chosen.itertuples()}
-        pinned = table["one_core"] if module == "cpp_kernel" else [False] * len(table)
+        pinned = [False] * len(table) if module == "vmap_scan" else table["one_core"]
         base = [time.get(key, np.nan) for key in zip(table["deadlines"], pinned, strict=True)]
-        table[column] = ns / base if column == "over_cpp" else base / ns
+        table[column] = base / ns if module == "vmap_scan" else ns / base
     return table
 
 

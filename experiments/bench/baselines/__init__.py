@@ -8,8 +8,9 @@ reference `nominal`, integral by the trapezoid at the sampling instants). None o
 - `vmap_scan`: one run as a `lax.scan`, then `jax.vmap` and `jax.jit`.
 - `numba_loop`: a scalar loop per run, `prange` over the runs.
 - `cpp_kernel`: GCC vector extensions and OpenMP, compiled when first called.
+- `cpp_metrics`: the same with all metrics, and the integral corrected as that of qocjax.
 
-The last two raise `Unavailable` where their compiler is missing.
+The last three raise `Unavailable` where their compiler is missing.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 //
 // A lane is one run. The lanes of a vector share the deadline and tau; designs and seeds may differ. Positions are
 // relative to the goal, a heading is its cosine and sine, and commands are kept per period: nu tau and omega tau.
+//
+// Built twice: for the AUC alone, by the trapezoid rule at the sampling instants, and with METRICS for all that qocjax
+// computes of a run, its corrected rule for the AUC included.
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -22,10 +25,14 @@
 #ifndef ROBOTS
 #define ROBOTS 2
 #endif
+#ifndef METRICS
+#define METRICS 0
+#endif
 
 namespace {
 
 constexpr int N = ROBOTS;
+constexpr bool ALL = METRICS;
 typedef float Vec __attribute__((vector_size(4 * LANES)));
 typedef std::int32_t Bits __attribute__((vector_size(4 * LANES)));
 
@@ -87,6 +94,15 @@ struct Robot {
   Vec sum[2];    // of the squared disagreement, per axis
 };
 
+struct Totals {  // what METRICS adds, of each robot
+  Vec before;     // length per period of the motion that ends, times its duration squared, in periods
+  Vec path;       // m
+  Vec effort;     // of length and turn squared, in periods
+  Vec last_away;  // last instant farther than 2 d_safe from the goal, -1 for none
+  Vec age, peak;  // sum and maximum, in periods
+  Vec completed;  // loops
+};
+
 // What does not depend on the design: one of these per set of seeds.
 struct Seeds {
   int ids[LANES];
@@ -110,6 +126,8 @@ struct Work {
   const float *offset;     // [S][2], relative to the goal
   const float *share;      // [S][P+1]
   float *auc;              // [vectors][N][LANES]
+  float *totals;           // [vectors][N][6][LANES]: path, effort, last_away, age, peak, completed; with METRICS
+  float *closest;          // [vectors][LANES] smallest squared distance; with METRICS
 };
 
 template <class T> inline T load(const void *from) {
@@ -185,6 +203,34 @@ inline void tally(Robot &r, const Vec *offset, Vec share, float weight) {
   r.sum[0] += weight * (ex * ex), r.sum[1] += weight * (ey * ey);
 }
 
+// What an instant adds to the squared disagreement, over tau, where the motion changes: e (h e + d(h² v) / 6), with `bend`
+// for the reference's part of d(h² v) / 6. `weight` is half of what both pieces last, `squared` the second's squared.
+inline void tally_kink(Robot &r, Totals &t, const Vec *offset, Vec share, Vec bend, float weight, float squared) {
+  const Vec ex = r.x - offset[0] * share, ey = r.y - offset[1] * share;
+  const Vec after = squared * r.command.length, change = (1.0f / 6) * (after - t.before);
+  r.sum[0] += ex * (weight * ex + (change * r.c - offset[0] * bend));
+  r.sum[1] += ey * (weight * ey + (change * r.s - offset[1] * bend));
+  t.before = after;
+}
+
+// What a motion of `part` of a period adds.
+inline void tally_motion(Totals &t, const Command &command, float part) {
+  t.path += part * magnitude(command.length);
+  t.effort += part * (command.length * command.length + command.turn * command.turn);
+}
+
+// What is read at a sampling instant.
+inline void tally_instant(const Robot *robots, Totals *totals, const Design &d, float p, Vec &closest) {
+  for (int i = 0; i < N; ++i) {
+    const Robot &r = robots[i];
+    totals[i].last_away = r.x * r.x + r.y * r.y > 4.0f * d.d_safe * d.d_safe ? fill(p) : totals[i].last_away;
+    for (int j = i + 1; j < N; ++j) {
+      const Vec dx = r.x - robots[j].x, dy = r.y - robots[j].y;
+      closest = smaller(closest, dx * dx + dy * dy);
+    }
+  }
+}
+
 // When, within a tick, a command takes effect.
 enum Change { AT_BEGINNING, INSIDE, AT_END };
 
@@ -196,15 +242,28 @@ template <Change change> void run(const Work &work, int vector, const Seeds &see
   ring.resize(size_t(depth) * N);
   Robot robots[N];
   std::memcpy(robots, seeds.start, sizeof robots);
+  Totals totals[N] = {};
+  for (Totals &t : totals) t.last_away = fill(-1.0f);
+  Vec closest = fill(INFINITY);
   Vec initial[N];
   for (int i = 0; i < N; ++i) {
     tally(robots[i], seeds.offset, load<Vec>(seeds.share.data()), 1.0f);
     initial[i] = work.weights[0] * robots[i].sum[0] + work.weights[1] * robots[i].sum[1];
-    robots[i].sum[0] *= -0.5f, robots[i].sum[1] *= -0.5f;  // the loop counts the first instant in full
+    const float beyond = ALL && change == INSIDE ? -0.5f * (1 - part) : -0.5f;  // what the loop counts too much of
+    robots[i].sum[0] *= beyond, robots[i].sum[1] *= beyond;                     // the first instant
   }
   int newest = 0;
   for (int p = 0; p < work.ticks; ++p) {
     const Vec share = load<Vec>(&seeds.share[size_t(p) * LANES]);
+    Vec drawn = {}, bend = {}, inside = {};
+    if (ALL) {
+      drawn = load<Vec>(&seeds.share[size_t(p + 1) * LANES]) - share;  // straight over a tick
+      const Vec earlier = p ? share - load<Vec>(&seeds.share[size_t(p - 1) * LANES]) : Vec{};
+      const float last = change == INSIDE ? 1 - part : 1, first = change == INSIDE ? part : 1;
+      bend = (1.0f / 6) * (first * first * drawn - last * last * earlier);
+      inside = (1.0f / 6) * (last * last - first * first) * drawn;
+      tally_instant(robots, totals, design, p, closest);
+    }
     Vec vx[N], vy[N];
     desire(robots, design, p * tau - deadline, tau, vx, vy);
     for (int i = 0; i < N; ++i) ring[newest * N + i] = saturate(robots[i], design, vx[i], vy[i]);
@@ -212,7 +271,17 @@ template <Change change> void run(const Work &work, int vector, const Seeds &see
     const int loop = p - lag;
     for (int i = 0; i < N; ++i) {
       Robot &r = robots[i];
-      tally(r, seeds.offset, share, 1.0f);
+      Totals &t = totals[i];
+      if (!ALL) tally(r, seeds.offset, share, 1.0f);
+      if (ALL) {
+        const Vec age = float(p) - r.born;
+        t.age += age, t.peak = larger(t.peak, age);
+        t.completed += load<Bits>(&seeds.times[(size_t(p) * N + i) * LANES]) <= limit ? fill(1.0f) : Vec{};
+        const float weight = change == INSIDE ? 0.5f : 1.0f;  // of an instant at t_p
+        if (change != AT_BEGINNING) tally_kink(r, t, seeds.offset, share, bend, weight, change == INSIDE ? part * part : 1);
+        if (change == INSIDE) tally_motion(t, r.command, part);
+        if (change == AT_END) tally_motion(t, r.command, 1);
+      }
       if (change == INSIDE) arc(r, r.command.length * part, r.command.turn * part);
       if (change == AT_END) arc(r, r.command.length, r.command.turn);
       if (loop >= 0) {
@@ -221,12 +290,30 @@ template <Change change> void run(const Work &work, int vector, const Seeds &see
         r.command = {done ? sent.length : r.command.length, done ? sent.turn : r.command.turn};
         r.born = done ? fill(float(loop)) : r.born;
       }
+      if (ALL && change == INSIDE) {
+        tally_kink(r, t, seeds.offset, share + part * drawn, inside, 0.5f, (1 - part) * (1 - part));
+        tally_motion(t, r.command, 1 - part);
+      }
+      if (ALL && change == AT_BEGINNING) {
+        tally_kink(r, t, seeds.offset, share, bend, 1.0f, 1);
+        tally_motion(t, r.command, 1);
+      }
       if (change == INSIDE) arc(r, r.command.length * (1 - part), r.command.turn * (1 - part));
       if (change == AT_BEGINNING) arc(r, r.command.length, r.command.turn);
     }
   }
+  const Vec end = load<Vec>(&seeds.share[size_t(work.ticks) * LANES]);
+  if (ALL) {
+    const float last = change == INSIDE ? 1 - part : 1;
+    const Vec bend = (-1.0f / 6) * last * last * (end - load<Vec>(&seeds.share[size_t(work.ticks - 1) * LANES]));
+    tally_instant(robots, totals, design, work.ticks, closest);
+    for (int i = 0; i < N; ++i) tally_kink(robots[i], totals[i], seeds.offset, end, bend, 0.5f * last, 0.0f);
+    std::memcpy(work.closest + size_t(vector) * LANES, &closest, sizeof closest);
+    for (int i = 0; i < N; ++i)  // all but `before`
+      std::memcpy(work.totals + (size_t(vector) * N + i) * 6 * LANES, &totals[i].path, 6 * sizeof(Vec));
+  }
   for (int i = 0; i < N; ++i) {
-    tally(robots[i], seeds.offset, load<Vec>(&seeds.share[size_t(work.ticks) * LANES]), 0.5f);
+    if (!ALL) tally(robots[i], seeds.offset, end, 0.5f);
     const Vec sum = work.weights[0] * robots[i].sum[0] + work.weights[1] * robots[i].sum[1];
     const Vec auc = tau * sum / initial[i];
     std::memcpy(work.auc + (size_t(vector) * N + i) * LANES, &auc, sizeof auc);
