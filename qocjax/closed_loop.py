@@ -84,7 +84,13 @@ class _State:
 
 
 def run_closed_loop(
-    scenario: Scenario, design: Design, start: Array, loop_times: Array, plan: Plan, keys: Array | None = None
+    scenario: Scenario,
+    design: Design,
+    start: Array,
+    loop_times: Array,
+    plan: Plan,
+    keys: Array | None = None,
+    ticks: Array | None = None,
 ) -> Outcome:
     """Simulates a batch of runs.
 
@@ -95,6 +101,8 @@ def run_closed_loop(
         loop_times: [P, N, *B'] T_net (s), broadcastable to the batch.
         plan: What the loop is specialised for.
         keys: [*B, 2] words of a random key for each run, for controllers that draw.
+        ticks: Of the loop times, how many lie within the horizon, where a program serves others too; read where there
+            is a buffer and nothing is recorded.
     """
     loop_times = _whole_blocks(loop_times, plan)
     tau, deadline = jnp.asarray(design.tau), jnp.asarray(design.deadline)
@@ -103,7 +111,8 @@ def run_closed_loop(
     network = schedule(loop_times, deadline, tau, plan.rules, mid_tick)
 
     num_ticks, goal = loop_times.shape[0], _per_robot(jnp.asarray(scenario.goal), start)
-    rows, end = timeline(start, goal, network, scenario, design, None if mid_tick is False else rest)
+    last = None if plan.record or plan.slots == 0 else ticks
+    rows, end = timeline(start, goal, network, scenario, design, None if mid_tick is False else rest, last)
     pose = jax.tree.map(lambda a: jnp.broadcast_to(a, _batch_shape(start, loop_times, design)), pose_from(start))
     still = scenario.robot.still(pose)
     task = Task((goal[:, 0], goal[:, 1]), design, plan.math, num_ticks, lag, rest, plan.slots, scenario.robot)
@@ -120,7 +129,7 @@ def run_closed_loop(
     if plan.slots == 0:
         state, recorded = in_blocks(loop, state, rows, plan.lag), None
     else:
-        state, recorded = through_buffer(loop, state, rows, network.source, lag, plan.rules, plan.slots)
+        state, recorded = through_buffer(loop, state, rows, network.source, lag, plan.rules, plan.slots, last)
     tally = tick.at_end(state, end)
     report = plan.controller.report(state.memory)
     if recorded is None:

@@ -46,7 +46,14 @@ class Loop(Generic[State, Command]):
 
 
 def through_buffer(
-    loop: Loop[State, Command], state: State, rows: Any, source: Array, lag: Array, rules: Rules, slots: int
+    loop: Loop[State, Command],
+    state: State,
+    rows: Any,
+    source: Array,
+    lag: Array,
+    rules: Rules,
+    slots: int,
+    last: Array | None = None,
 ) -> tuple[State, Any]:
     """Scans the ticks with a buffer of commands, by tick modulo the slots in use.
 
@@ -58,6 +65,7 @@ def through_buffer(
         lag: Whole sampling periods of the deadline.
         rules: The actuation says which command is due: the one of `lag` ticks ago, the newest arrived, or this tick's.
         slots: Capacity, at least lag + 1, and one more for `arrival`.
+        last: Ticks that are run, if that is known only at run time, which leaves no reports; by default all.
 
     Returns:
         The state at the end, and the reports of all ticks with their views.
@@ -85,9 +93,16 @@ def through_buffer(
         state, report = loop.act(state, row, due)
         return (state, buffer), None if report is None else (*report, view)
 
-    ticks = jnp.arange(source.shape[0], dtype=jnp.int32)
-    (state, _), reports = lax.scan(step, (state, buffer), (ticks, source, rows))
-    return state, reports
+    inputs = (jnp.arange(source.shape[0], dtype=jnp.int32), source, rows)
+    if last is None:
+        (state, _), reports = lax.scan(step, (state, buffer), inputs)
+        return state, reports
+
+    def nth(tick: Array, carry: tuple[State, Command]) -> tuple[State, Command]:
+        at = jax.tree.map(lambda a: lax.dynamic_index_in_dim(a, tick, 0, keepdims=False), inputs)
+        return step(carry, at)[0]
+
+    return lax.fori_loop(0, last, nth, (state, buffer))[0], None
 
 
 def in_blocks(loop: Loop[State, Command], state: State, rows: Any, lag: int) -> State:

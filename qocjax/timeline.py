@@ -37,9 +37,15 @@ class Row(NamedTuple):
 
 
 def timeline(
-    start: Array, goal: Array, network: Schedule, scenario: Scenario, design: Design, rest: Array | None
+    start: Array,
+    goal: Array,
+    network: Schedule,
+    scenario: Scenario,
+    design: Design,
+    rest: Array | None,
+    last: Array | None,
 ) -> tuple[Row, Row]:
-    """The rows of all ticks, leaves [P, ...], and what a row of the end of the horizon would be.
+    """The rows of all ticks, leaves [P, ...], and what the row after the last would be.
 
     Args:
         start: [N, 3, *B] start poses.
@@ -48,8 +54,10 @@ def timeline(
         scenario: Reference and horizon.
         design: For tau, and for the reference `follow`.
         rest: Of the deadline (s); None where commands take effect at sampling instants only.
+        last: Ticks that are run; None for P.
     """
     num_ticks, tau = network.fresh.shape[0], jnp.asarray(design.tau)
+    stop = num_ticks if last is None else last
     instants = jnp.minimum(jnp.arange(num_ticks + 1) * tau, scenario.horizon)
     left = reference_left(instants, start, goal, scenario, design)
     # Not as differences of instants: in float32 those are off by 1e-4 of a tick late in a run.
@@ -62,13 +70,13 @@ def timeline(
         between = reference_left(inside, start, goal, scenario, design)
         stretches = [_stretch(first, left[:-1], between), _stretch(lengths - first, between, left[1:])]
     gain = network.gain_start if rest is None else network.gain_mid
-    last = (stretches[-1].duration, stretches[-1].drawn, gain)
-    before, bend, gains = jax.tree.map(lambda a: jnp.concatenate([jnp.zeros_like(a[:1]), a]), last)
+    ending = (stretches[-1].duration, stretches[-1].drawn, gain)
+    before, bend, gains = jax.tree.map(lambda a: jnp.concatenate([jnp.zeros_like(a[:1]), a]), ending)
     bends = [stretches[0].drawn - bend[:-1], *(b.drawn - a.drawn for a, b in pairwise(stretches))]
     bent = tuple(each._replace(bend=bend) for each, bend in zip(stretches, bends, strict=True))
-    at_end = Stretch(jnp.zeros_like(tau), left[-1], jnp.zeros_like(left[-1]), -bend[-1])
+    at_end = Stretch(jnp.zeros_like(tau), left[stop], jnp.zeros_like(left[stop]), -bend[stop])
     rows = Row(jnp.arange(num_ticks), network, bent, before[:-1], None if gain is None else gains[:-1])
-    end = Row(jnp.asarray(num_ticks), network, (at_end,), before[-1], None if gain is None else gains[-1])
+    end = Row(jnp.asarray(stop), network, (at_end,), before[stop], None if gain is None else gains[stop])
     return rows, end
 
 

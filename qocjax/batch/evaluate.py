@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import chain, islice
 
 import jax
 import jax.numpy as jnp
@@ -230,10 +231,14 @@ def _as_grid(designs: Design, scenario: Scenario) -> dict[str, np.ndarray]:
 def _in_parallel(
     run: Callable[[Batch], dict], batches: Iterable[Batch], pool: Executor | None
 ) -> Iterator[tuple[Batch, dict]]:
-    """Runs batches on the workers."""
-    workers = num_workers()
+    """Runs batches on the workers; a single one here, as handing it over takes longer than a small one does."""
+    workers, source = num_workers(), iter(batches)
+    first = list(islice(source, 2))
+    if len(first) == 1:
+        yield first[0], run(first[0])
+        return
     with nullcontext(pool) if pool else ThreadPoolExecutor(workers) as threads:
-        yield from side_by_side(run, batches, threads, 2 * workers)
+        yield from side_by_side(run, chain(first, source), threads, 2 * workers)
 
 
 def _put(

@@ -31,11 +31,6 @@ __all__ = ["Drawn", "Measure", "Runner", "metrics"]
 # [N, designs, seeds] or [designs, seeds]. Hashable, since programs are kept by it.
 Measure = Callable[[Scenario, Design, "Drawn", Array, Plan], dict[str, Array]]
 
-_programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process, each for one device
-
-# Loop times that are worked out at once where they depend on the deadline: about 128 MiB.
-_AT_ONCE = 1 << 25
-
 
 class Drawn(NamedTuple):
     """What the runs of a batch have in common."""
@@ -43,6 +38,16 @@ class Drawn(NamedTuple):
     start: Array  # [N, 3, 1, S] start poses
     loop_times: Array  # [P, N, 1, S] T_net (s)
     keys: Array  # [1, S, 2] words of a random key, for controllers that draw
+
+
+_programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process, each for one device
+
+# What seeds drew, of all evaluations: a search asks for the same seeds again and again. Only sets of up to 4 MiB.
+_kept: Once[Drawn] = Once(capacity=16)
+_WORTH_KEEPING = 1 << 22
+
+# Loop times that are worked out at once where they depend on the deadline: about 128 MiB.
+_AT_ONCE = 1 << 25
 
 
 class Runner:
@@ -65,9 +70,11 @@ class Runner:
         self.controller = controller or Apf()
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
         self.others = [name for name in grid if name not in DESIGN]
-        self.start, self.key = jnp.asarray(scenario.start, jnp.result_type(float)), key
-        # What many batches share is put on the device once.
-        self.scenario: Scenario = jax.device_put(jax.tree.map(lambda a: np.asarray(a, dtype), scenario))
+        self.start, self.key = np.asarray(scenario.start, jnp.result_type(float)), key
+        # What many batches share is put on an accelerator once; a CPU reads it where it is.
+        self.scenario: Scenario = jax.tree.map(lambda a: np.asarray(a, dtype), scenario)
+        if jax.default_backend() != "cpu":
+            self.scenario = jax.device_put(self.scenario)
         self.measure, self.in_blocks = measure, in_blocks
         # The batches of one tau and one set of seeds come in a row: a few sets are enough for all workers.
         self._chance: Once[Chance] = Once(capacity=4)
@@ -81,7 +88,7 @@ class Runner:
     def run(self, batch: Batch) -> dict[str, np.ndarray]:
         """What is measured of one batch, [N, designs, seeds] or [designs, seeds]."""
         group = batch.group
-        drawn = self._drawn.get((*_set_of(batch), self._at(group)), lambda: self._draw(batch))
+        drawn = self._drawn.get((*_set_of(batch), self._at(group)), lambda: self._checked(batch))
         values = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in CONTINUOUS}
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
         others = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in self.others}
@@ -95,16 +102,29 @@ class Runner:
         program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=4).lower(*args, plan)))
         return jax.tree.map(np.asarray, program(*args))
 
+    def _checked(self, batch: Batch) -> Drawn:
+        """What the runs of a batch have in common, drawn now or before, once these robots may start there."""
+        length, robots, lanes = batch.group.length, self.scenario.num_robots, len(batch.seeds)
+        if isinstance(self.network, SharedNetwork) or length * robots * lanes * self.dtype.itemsize > _WORTH_KEEPING:
+            drawn = self._draw(batch)
+        else:
+            device = getattr(jax.config, "jax_default_device", None)
+            start = (self.start.tobytes(), self.start.shape, self.start.dtype, self.scenario.start_jitter)
+            key = (*start, self.network, self.key, self.dtype, device, batch.group.tau, batch.group.ticks, length)
+            drawn = _kept.get((*key, self.seeds[batch.seeds].tobytes()), lambda: self._draw(batch))
+        poses = np.asarray(drawn.start)[:, :, 0]
+        check_start(self.scenario, poses)
+        self.controller.check_start(self.scenario, poses, self.seeds[batch.seeds])
+        return drawn
+
     def _draw(self, batch: Batch) -> Drawn:
-        """What the runs of a batch have in common, loop times for the ticks of its program."""
+        """What chance gives to a batch, loop times for the ticks of its program."""
         group = batch.group
         chance = self._chance.get(_set_of(batch), lambda: self._draw_chance(batch))
         times = np.asarray(self._loop_times(batch, chance))[:, : group.ticks]
         if np.isnan(times).any() or (times < 0).any():
             raise ValueError("network: drew NaN or a negative loop time, expected seconds >= 0 (inf where lost)")
         poses = np.moveaxis(np.asarray(chance.start, self.dtype), 0, -1)
-        check_start(self.scenario, poses)
-        self.controller.check_start(self.scenario, poses, self.seeds[batch.seeds])
         loops = np.full((group.length, self.scenario.num_robots, 1, len(batch.seeds)), np.inf, self.dtype)
         loops[: group.ticks, :, 0] = np.moveaxis(times, 0, -1)
         return Drawn(*jax.device_put((poses[:, :, None, :], loops, np.asarray(chance.keys)[None])))
@@ -162,7 +182,7 @@ def _set_of(batch: Batch) -> tuple[float, int, bytes]:
 def metrics(scenario: Scenario, design: Design, drawn: Drawn, ticks: Array, plan: Plan) -> dict[str, Array]:
     """All metrics of a batch (model, section 5). Only the first `ticks` ticks lie within the horizon."""
     start, loop_times, keys = drawn
-    tally, network, report, _ = run_closed_loop(scenario, design, start, loop_times, plan, keys)
+    tally, network, report, _ = run_closed_loop(scenario, design, start, loop_times, plan, keys, ticks)
     goal = jnp.broadcast_to(jnp.asarray(scenario.goal), (start.shape[0], 2))[..., None, None]
     norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))
     closest = jnp.sqrt(tally.closest)
