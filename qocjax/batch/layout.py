@@ -78,10 +78,10 @@ def groups_of(
             inside = rules.actuation == "deadline" and float(rest) > 0
             waits = 0 if rules.actuation == "instant" else min(int(lag), ticks)
             groups.append(Group(float(period), float(period), float(limit), ticks, waits, ticks, inside, slots, chosen))
-    return _sharing(groups, runs_each) if general else groups
+    return _sharing(groups, rules, runs_each) if general else groups
 
 
-def _sharing(groups: list[Group], runs_each: int) -> list[Group]:
+def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     """Puts the groups of sampling periods with little work on general programs."""
     designs = Counter[float]()
     for group in groups:
@@ -89,7 +89,7 @@ def _sharing(groups: list[Group], runs_each: int) -> list[Group]:
     little = {g.tau for g in groups if designs[g.tau] * runs_each * general_length(g.ticks) < _WORTH_A_PROGRAM}
     longest = max(little, default=0.0)
     slots = _next_power(max((group.slots for group in groups if group.tau in little), default=1), 4)
-    mid_tick = None if any(group.mid_tick for group in groups if group.tau in little) else False
+    mid_tick = None if rules.actuation == "deadline" else False
     return [
         replace(
             group,
