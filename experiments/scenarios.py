@@ -25,9 +25,9 @@ from qocjax.config import conf_dir, load
 from qocjax.config.show import ShowConfig
 from qocjax.navigation import StaticMap, static_layer
 from qocjax.network import Constant, LoopNetwork
-from qocjax.simulate import Run
+from qocjax.single import Run
 from qocjax.store import write_table
-from qocjax.study.replay import replay
+from qocjax.study.replayed import replay
 
 TAU = 0.05  # s
 DEADLINES = {"none": 0.0, "paper": 0.22}  # s

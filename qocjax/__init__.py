@@ -11,14 +11,22 @@ policies), `search`, `tuning`, `advice`, `fleets`, `transport` and `validation` 
 `store`, `figures` and `report` (intervals, files, pictures, pages), `commands` (the command lines).
 """
 
-from qocjax.batch import evaluate, gradient
-from qocjax.network import Network, kth_5g_network, paper_network, read_trace
-from qocjax.network.schedule import Rules
-from qocjax.quality import QocScale, qoc
-from qocjax.robots import Acceleration, Robot, Unicycle
-from qocjax.scenario import Design, Scenario
-from qocjax.simulate import Run, simulate
-from qocjax.study import Study, one_at_a_time, open_study, replay, run_study
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from qocjax._lazy import names_of
+
+if TYPE_CHECKING:
+    from qocjax.batch.evaluate import evaluate
+    from qocjax.batch.gradient import gradient
+    from qocjax.network import Network, kth_5g_network, paper_network, read_trace
+    from qocjax.network.schedule import Rules
+    from qocjax.quality import QocScale, qoc
+    from qocjax.robots import Acceleration, Robot, Unicycle
+    from qocjax.scenario import Design, Scenario
+    from qocjax.single import Run, simulate
+    from qocjax.study import Study, one_at_a_time, open_study, replay, run_study
 
 __version__ = "0.1.0"
 
@@ -45,3 +53,16 @@ __all__ = [
     "run_study",
     "simulate",
 ]
+
+if not TYPE_CHECKING:  # imported when asked for: a command that refuses an option has no need of what computes
+    _HOMES = {
+        "qocjax.batch": ("evaluate", "gradient"),
+        "qocjax.network": ("Network", "kth_5g_network", "paper_network", "read_trace"),
+        "qocjax.network.schedule": ("Rules",),
+        "qocjax.quality": ("QocScale", "qoc"),
+        "qocjax.robots": ("Acceleration", "Robot", "Unicycle"),
+        "qocjax.scenario": ("Design", "Scenario"),
+        "qocjax.single": ("Run", "simulate"),
+        "qocjax.study": ("Study", "one_at_a_time", "open_study", "replay", "run_study"),
+    }
+    __getattr__, __dir__ = names_of(__name__, _HOMES)

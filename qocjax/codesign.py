@@ -1,8 +1,10 @@
 """`python -m qocjax.codesign`: the best design of the whole space, from a configuration to tables and figures."""
 
-from qocjax.commands.codesign import main, run
+from qocjax.commands.command_line import Command
 
-__all__ = ["main", "run"]
+__all__ = ["main"]
+
+main = Command("codesign", "codesign.CodesignConfig")
 
 if __name__ == "__main__":
     main()

@@ -1,8 +1,10 @@
 """`python -m qocjax.fleet`: how many robots a network carries, and what they need of it."""
 
-from qocjax.commands.fleet import main, run
+from qocjax.commands.command_line import Command
 
-__all__ = ["main", "run"]
+__all__ = ["main"]
+
+main = Command("fleet", "fleet.FleetConfig")
 
 if __name__ == "__main__":
     main()

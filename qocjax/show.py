@@ -1,8 +1,10 @@
 """`python -m qocjax.show`: one run, with its trajectory, an animation and the costmaps of the navigation stack."""
 
-from qocjax.commands.show import main, run
+from qocjax.commands.command_line import Command
 
-__all__ = ["main", "run"]
+__all__ = ["main"]
+
+main = Command("show", "show.ShowConfig", nav2=True)
 
 if __name__ == "__main__":
     main()

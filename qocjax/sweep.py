@@ -1,8 +1,10 @@
 """`python -m qocjax.sweep`: the paper's study from a configuration to tables and figures."""
 
-from qocjax.commands.sweep import main, run
+from qocjax.commands.command_line import Command
 
-__all__ = ["main", "run"]
+__all__ = ["main"]
+
+main = Command("sweep", "study.StudyConfig", nav2=True)
 
 if __name__ == "__main__":
     main()

@@ -1,8 +1,10 @@
 """`python -m qocjax.tune`: tuning by gradients, from a configuration to tables and figures."""
 
-from qocjax.commands.tune import main, run
+from qocjax.commands.command_line import Command
 
-__all__ = ["main", "run"]
+__all__ = ["main"]
+
+main = Command("tune", "tune.TuneConfig")
 
 if __name__ == "__main__":
     main()

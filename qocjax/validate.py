@@ -1,8 +1,10 @@
 """`python -m qocjax.validate`: the surrogate law held against measured runs, to tables and figures."""
 
-from qocjax.commands.validate import main, run
+from qocjax.commands.command_line import Command
 
-__all__ = ["main", "run"]
+__all__ = ["main"]
+
+main = Command("validate", "validate.ValidateConfig", nav2=True)
 
 if __name__ == "__main__":
     main()

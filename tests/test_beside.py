@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 import pytest
 from matplotlib.figure import Figure
 
-from qocjax.figures.beside import draw_all, process_beside
+from qocjax._beside import process_beside
+from qocjax.figures.beside import draw_all
 
 
 def line(slope: float) -> Figure:

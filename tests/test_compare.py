@@ -19,7 +19,8 @@ from omegaconf import OmegaConf
 from scipy import stats
 
 from qocjax import QocScale, Study, open_study, qoc
-from qocjax.commands.compare import as_options, comparison_text, run
+from qocjax.commands.compare import comparison_text, run
+from qocjax.commands.quoting import as_options
 from qocjax.commands.sweep import run as run_sweep
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.compare import CompareConfig

@@ -39,7 +39,7 @@ TUNED = [
 # Runs the command line once for each list of options.
 ONE_BY_ONE = """
 import json, sys
-from qocjax.commands.sweep import main
+from qocjax.sweep import main
 for options in json.loads(sys.argv[1]):
     sys.argv = ["qocjax.sweep", *options]
     try:

@@ -22,7 +22,7 @@ from qocjax.figures.study import _stem
 from qocjax.navigation import NavigationStack, open_floor
 from qocjax.navigation.varied import value_at, varied
 from qocjax.report.planes import best_chart, plane_chart
-from qocjax.simulate import simulate
+from qocjax.single import simulate
 from qocjax.statistics.units import joined
 from qocjax.study.chunks import Part, plan
 from qocjax.study.grid import full_grid

@@ -42,7 +42,7 @@ def _no_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     def compiles(*_: Any, **__: Any) -> None:
         pytest.fail("got as far as compiling")
 
-    monkeypatch.setattr(sys.modules["qocjax.simulate"], "_simulate", compiles)
+    monkeypatch.setattr(sys.modules["qocjax.single"], "_simulate", compiles)
     monkeypatch.setattr(runner, "compiled", compiles)
 
 

@@ -19,9 +19,9 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from qocjax import open_study
-from qocjax.commands.sweep import main
 from qocjax.config import conf_dir
 from qocjax.store.checked import read_checked
+from qocjax.sweep import main
 
 hypothesis = pytest.importorskip("hypothesis")
 st = hypothesis.strategies

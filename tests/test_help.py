@@ -6,14 +6,15 @@ import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
+from qocjax._conf import add_resolver
 from qocjax.commands.help import choices_text, described, options_of, options_text, read_remarks, remarks_of
-from qocjax.config import add_resolver, conf_dir, load
+from qocjax.config import conf_dir, load
 
 COMMANDS = sorted(path.stem for path in conf_dir().glob("*.yaml"))
 # A command for each group, and what the group needs to be read.
@@ -71,7 +72,7 @@ def test_every_option_of_a_choice_has_its_line(choice: str) -> None:
 
 def accepts(command: str, *options: str) -> bool:
     """Whether a command takes a choice: what its `run` checks before it simulates."""
-    schema = get_type_hints(importlib.import_module(f"qocjax.{command}").run)["config"]
+    schema = importlib.import_module(f"qocjax.{command}").main.model()
     try:
         config = load(schema, compose(command, list(options)))
         checks = {"fleet": ("check",), "qos": ("surrogate_only", "build_topics"), "tune": ("build_controller",)}

@@ -41,7 +41,7 @@ def test_imports_go_one_way_and_in_no_circle() -> None:
 
 CIRCLES = {
     "between packages": ("study/chunks.py", "from qocjax.config import StudyConfig\n", "2 broken"),
-    "in a function": ("network/edge.py", "def late():\n    from qocjax.simulate import Run\n", "2 broken"),
+    "in a function": ("network/edge.py", "def late():\n    from qocjax.single import Run\n", "2 broken"),
     "for type checkers": (
         "controllers/apf.py",
         "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from qocjax.closed_loop import Plan\n",

@@ -14,7 +14,6 @@ import venv
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -102,7 +101,7 @@ BAD_OPTIONS = {
 # Runs the command line once for each list of options in one process: most of the time of such a run is its imports.
 ONE_BY_ONE = """
 import contextlib, io, json, sys
-from qocjax.commands.sweep import main
+from qocjax.sweep import main
 for options in json.loads(sys.argv[1]):
     sys.argv = ["qocjax.sweep", *options]
     out, err, code = io.StringIO(), io.StringIO(), 0
@@ -363,10 +362,9 @@ def composer() -> Iterator[None]:
 
 
 def composed(command: str, options: list[str]) -> SimulationConfig | FleetConfig | IngestConfig:
-    """A configuration, checked against what the command's `run` takes."""
-    module = importlib.import_module(f"qocjax.commands.{command}")
-    schema = get_type_hints(module.run)["config"]
-    return load(schema, compose(command, getattr(module, "as_options", list)(options)))
+    """A configuration, checked against the command's schema."""
+    door = importlib.import_module(f"qocjax.{command}").main
+    return load(door.model(), compose(command, door.rewrite(options)))
 
 
 def build(config: FleetConfig | IngestConfig) -> None:

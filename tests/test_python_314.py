@@ -13,7 +13,7 @@ import pytest
 from hydra._internal.utils import get_args_parser
 from packaging.requirements import Requirement
 
-from qocjax.config import hydra_base
+from qocjax._conf import hydra_base
 
 ROOT = Path(__file__).parents[1]
 INSTALLED = version("hydra-core")

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from qocjax.commands.compare import as_options
-from qocjax.commands.quoting import quoted_options
+from qocjax.commands.quoting import as_options, quoted_options
 
 ROOT = Path(__file__).parents[1]
 NAMES = ["a=b.csv", "a#b.csv", "läufe/ü.csv", "runs[1].csv", "[a].csv", "{x}.csv", "(1)/x.csv", "a,b.csv", "12", "1e3",
@@ -59,7 +58,7 @@ def test_a_list_of_studies_may_be_longer_than_a_name() -> None:
 
 ONE_BY_ONE = """
 import sys
-from qocjax.commands.ingest import main
+from qocjax.ingest import main
 for k, name in enumerate(sys.argv[1:]):
     sys.argv = ["qocjax.ingest", f"path={name}", "figures=false", f"hydra.run.dir=~/out # {k}"]
     main()

@@ -17,7 +17,7 @@ from qocjax.network.schedule import Rules, schedule, split_deadline
 from qocjax.robots import pose_from
 from qocjax.ros import DeadlineGate, Injection, drawn_loop_times
 from qocjax.scenario import Design, Scenario
-from qocjax.simulate import simulate
+from qocjax.single import simulate
 
 MS = 1_000_000
 EPOCH = 1_700_000_000_000_000_000  # ns

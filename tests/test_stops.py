@@ -17,7 +17,7 @@ from qocjax.batch.ahead import side_by_side
 DRAWS = """
 import time
 from multiprocessing import active_children
-from qocjax.figures.beside import process_beside
+from qocjax._beside import process_beside
 
 if __name__ == "__main__":
     with process_beside() as pool:
@@ -29,9 +29,10 @@ if __name__ == "__main__":
 FAILS = """
 import sys
 import qocjax.commands.sweep as sweep
+from qocjax.sweep import main
 sweep.run = lambda *_, **__: {}["gone"]
 sys.argv = ["qocjax.sweep", "sweep=kappa", "figures=false", "hydra.run.dir=" + sys.argv[1]]
-sweep.main()
+main()
 """
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from qocjax import _checks
 from qocjax.advice.shortlist import along_deadlines, row
@@ -23,6 +23,9 @@ from qocjax.search.objective import Objective
 from qocjax.statistics.estimates import share
 from qocjax.statistics.scores import Scores
 from qocjax.statistics.units import judged_apart
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["OBJECTIVES", "Chosen", "choose"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from qocjax import _checks
 from qocjax.advice.plane import delay_reliability_plane, largest_delay, smallest_reliability
@@ -14,6 +14,9 @@ from qocjax.advice.reaching import Bound
 from qocjax.advice.target import Target
 from qocjax.scenario import Design
 from qocjax.search.objective import Objective
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Asked", "Slack", "find_slack"]
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from qocjax.advice.character import lost_share
 from qocjax.advice.reaching import Bound, reach
@@ -24,6 +23,9 @@ from qocjax.statistics.estimates import estimate
 from qocjax.statistics.estimates import share as share_of
 from qocjax.statistics.scores import Scored, Scores
 from qocjax.study.reliability import load_of, reliability_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["GROWTHS", "largest_growth", "of_runs", "on_network", "stress_table", "worse"]
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from qocjax import _checks
 from qocjax.scenario import Scenario
 from qocjax.statistics.estimates import Estimate
 from qocjax.statistics.scores import Scores
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["KINDS", "Target", "collision_excess"]
 

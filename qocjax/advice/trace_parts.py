@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from qocjax.network import Reliability
 from qocjax.network.trace import replayed_trace, with_replayed
@@ -14,6 +14,9 @@ from qocjax.search.objective import Objective
 from qocjax.statistics.scores import Scored, Scores, unpaired_scores
 from qocjax.statistics.units import judged_apart, rows_of_stretch, seeds_in
 from qocjax.study.reliability import reliability_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["WORST_PART", "WorstPart", "worst_part", "worst_stretch"]
 

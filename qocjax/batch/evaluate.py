@@ -7,11 +7,11 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 from itertools import chain, islice
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jax.typing import ArrayLike, DTypeLike
 
 from qocjax import _checks
@@ -23,10 +23,14 @@ from qocjax.controllers import Apf, Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, check_times
-from qocjax.simulate import check_start
-from qocjax.tunables import APF, CBF, LOOP, NAVIGATION, NETWORK, ROBOT, by_name, check_others
+from qocjax.single import check_start
+from qocjax.tunables import check_others
+from qocjax.units import unit_of
 
-__all__ = ["MAX_RUNS", "UNITS", "evaluate", "run_grid"]
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["MAX_RUNS", "evaluate", "run_grid"]
 
 # Runs of one batch with two robots: what is carried stays in the innermost caches on CPUs, and fills a GPU.
 MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
@@ -35,16 +39,6 @@ MAX_RUNS = {"cpu": 512, "gpu": 1 << 16, "tpu": 1 << 16}
 _COSTLY_RUNS = {"cpu": 8, "gpu": 1 << 10, "tpu": 1 << 10}
 
 _SCENARIO_NUMBERS = ("start", "goal", "nominal_kappa", "nominal_v_max", "weights", "robot_radius")
-
-UNITS = {
-    "auc": "s", "path_length": "m", "effort": "(m/s)^2 s + (rad/s)^2 s", "arrival_time": "s", "min_distance": "m",
-    "collided": "1", "completed_share": "1", "age_mean": "s", "age_peak": "s",
-    "no_path_share": "1", "blocked_share": "1",
-    "v_max": "m/s", "omega_max": "rad/s", "eta": "1", "kappa": "1/s", "gamma": "1/s", "c_miss": "m/s", "d_safe": "m",
-    "tau": "s", "deadline": "s",
-}  # fmt: skip
-
-_DECLARED = {name: each.unit for name, each in by_name((*ROBOT, *LOOP, *NETWORK, *APF, *CBF, *NAVIGATION)).items()}
 
 
 def evaluate(
@@ -260,16 +254,11 @@ def _put(
 def _labelled(
     results: dict[str, np.ndarray], grid: dict[str, np.ndarray], seeds: np.ndarray, attributes: dict[str, str]
 ) -> xr.Dataset:
+    import xarray as xr  # with pandas a third of a second, which a refusal need not take
+
     dims = ("design", "seed", "robot")
     return xr.Dataset(
         {name: (dims[: values.ndim], values, {"units": unit_of(name)}) for name, values in results.items()},
         {name: ("design", values, {"units": unit_of(name)}) for name, values in grid.items()} | {"seed": seeds},
         attributes,
     )
-
-
-def unit_of(name: str) -> str:
-    """Unit of a metric, of a value of a design, or of a derivative d_auc_<value>."""
-    if name.startswith("d_auc_"):
-        return f"{UNITS['auc']}/({UNITS[name.removeprefix('d_auc_')]})"
-    return UNITS.get(name) or _DECLARED.get(name, "1")  # what controllers report of themselves are shares and counts

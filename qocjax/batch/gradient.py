@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
-import xarray as xr
 from jax import Array
 from jax.typing import DTypeLike
 
@@ -19,6 +19,9 @@ from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import CONTINUOUS, Design, Scenario
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["MODES", "gradient"]
 

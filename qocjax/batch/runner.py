@@ -23,7 +23,7 @@ from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
 from qocjax.scenario import CONTINUOUS, DESIGN, Design, Scenario
-from qocjax.simulate import check_start
+from qocjax.single import check_start
 
 __all__ = ["Drawn", "Measure", "Runner", "metrics"]
 

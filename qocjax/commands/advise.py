@@ -18,7 +18,7 @@ from qocjax import _checks
 from qocjax.advice.advice import Advice, advise, plain
 from qocjax.advice.slack import Slack
 from qocjax.commands.advice_page import page
-from qocjax.commands.command_line import command, given_options, output_dir
+from qocjax.commands.command_line import given_options, output_dir
 from qocjax.commands.robot_seen import RobotSeen, limits_values, robot_seen
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.part import load
@@ -161,7 +161,6 @@ def _robot_choice() -> tuple[str, bool]:
     return preset, given
 
 
-@command("advise", short={"path": ("network=trace", "network.path")}, nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config, seen = load(AdviseConfig, cfg), RobotSeen()

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax import _checks
-from qocjax.commands.command_line import command, output_dir, printed_unit
+from qocjax.commands.command_line import output_dir
 from qocjax.config import load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.scale import yardstick
@@ -32,6 +32,7 @@ from qocjax.study.capacity import at_once_text
 from qocjax.study.edges import bounds_text
 from qocjax.study.grid import Grid
 from qocjax.study.reliability import load_of
+from qocjax.units import printed_unit
 
 __all__ = ["Codesign", "main", "problem_of", "run", "summary"]
 
@@ -271,7 +272,6 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
     write_json(folder / "record.json", record | provenance())
 
 
-@command("codesign")
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(CodesignConfig, cfg)

@@ -1,94 +1,144 @@
-"""What the command lines share: set-up of JAX for a program, and errors as one line without a traceback."""
+"""What the command lines share: options composed, what computes imported after them, errors in one line."""
 
 from __future__ import annotations
 
-import functools
+import gc
 import os
 import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import hydra
-import jax
+from hydra._internal.hydra import Hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from qocjax._xla import request_whole_loop
-from qocjax.batch.evaluate import unit_of
+from qocjax._conf import add_resolver, conf_dir, hydra_base
 from qocjax.commands.help import register_help
 from qocjax.commands.quoting import quoted_options
-from qocjax.config import add_resolver, conf_dir, hydra_base
-from qocjax.config.part import Part
-from qocjax.store.study_folder import read_identity
 
-__all__ = ["command", "given_options", "output_dir", "printed_unit", "resumed"]
+if TYPE_CHECKING:
+    from qocjax.config.part import Part
 
-C = TypeVar("C", bound=Part)
-
+__all__ = ["Command", "given_options", "output_dir"]
 
 _LONGEST = 2000  # letters of an error
 
 
-def command(
-    name: str, short: dict[str, tuple[str, str]] | None = None, nav2: bool = False
-) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
-    """Makes a function of a configuration a Hydra command line with the primary configuration `conf/<name>.yaml`.
+@dataclass(frozen=True)
+class Command:
+    """A Hydra command line with the primary configuration `conf/<name>.yaml`.
 
-    Args:
+    What it does is `main(cfg)` in `qocjax.commands.<name>`, which is imported when the options are composed and keep to
+    their schema: help and a wrong option need nothing that simulates or draws.
+
+    Attributes:
         name: Of the configuration.
+        schema: Module and class of its schema, such as `study.StudyConfig` in `qocjax.config`.
         short: Options that stand for two others: `path=FILE` for one that is given as it is, and one that takes the
             value, such as `{"path": ("network=trace", "network.path")}`.
         nav2: Whether it takes `nav2=FILE`, a file of Nav2's parameters that stands for options.
+        rewrite: Makes options of other arguments.
     """
 
-    def wrap(main: Callable[[DictConfig], None]) -> Callable[[], None]:
-        @functools.wraps(main)
-        def guarded(cfg: DictConfig) -> None:
-            try:
-                if cfg.get("nav2") is not None and "nav2" not in given_options():
-                    raise ValueError(f"nav2: got {cfg.nav2} from a configuration file, expected it on the command line")
-                main(cfg)
-            except (ValueError, TypeError, OSError) as error:
-                if os.environ.get("QOCJAX_TRACEBACK"):
-                    raise
-                _fail(error)
-            except Exception as error:
-                if os.environ.get("QOCJAX_TRACEBACK"):
-                    raise
-                _fail(_unforeseen(error))
-            except KeyboardInterrupt as stop:
-                print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
-                sys.exit(130)
+    name: str
+    schema: str
+    short: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    nav2: bool = False
+    rewrite: Callable[[Sequence[str]], list[str]] = list
 
-        run = hydra.main(config_path=str(conf_dir()), config_name=name, **hydra_base())(guarded)
+    def model(self) -> type[Part]:
+        """The class of the schema."""
+        module, _, name = self.schema.partition(".")
+        return getattr(import_module(f"qocjax.config.{module}"), name)
 
-        @functools.wraps(main)
-        def entry() -> None:
-            _set_up_jax()
-            add_resolver("first_given", _first_given)
-            register_help()
-            warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
-            arguments = _of_target(_expanded(sys.argv[1:], short or {}))
-            os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
-            try:
-                sys.argv[1:] = quoted_options(_of_nav2(arguments) if nav2 else arguments)
-                _check_help(sys.argv[1:])
-                run()
-            except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
-                if os.environ.get("QOCJAX_TRACEBACK"):
-                    raise
-                cause = error.__cause__  # the log that cannot be written comes out as a ValueError of `logging`
-                _fail(cause if isinstance(cause, OSError) else error)
+    def __call__(self) -> None:
+        """Runs what the program's arguments ask; an error ends it with one line."""
+        add_resolver("first_given", _first_given)
+        register_help()
+        warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
+        arguments = _of_target(_expanded(self.rewrite(sys.argv[1:]), self.short))
+        os.environ["HYDRA_FULL_ERROR"] = "1"  # what Hydra finds comes out as an error, not as its many lines
+        try:
+            sys.argv[1:] = quoted_options(_of_nav2(arguments) if self.nav2 else arguments)
+            _check_help(sys.argv[1:])
+            self._composed()
+        except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
+            if os.environ.get("QOCJAX_TRACEBACK"):
+                raise
+            cause = error.__cause__  # the log that cannot be written comes out as a ValueError of `logging`
+            _fail(cause if isinstance(cause, OSError) else error)
 
-        return entry
+    def _composed(self) -> None:
+        """Composes the options, and does what they ask."""
 
-    return wrap
+        def task(cfg: DictConfig) -> None:
+            with _one_line():
+                self._work(cfg)
+
+        task.__module__ = f"qocjax.commands.{self.name}"  # Hydra names the job by it
+        _compose_once()
+        hydra.main(config_path=str(conf_dir()), config_name=self.name, **hydra_base())(task)()
+
+    def _work(self, cfg: DictConfig) -> None:
+        if cfg.get("nav2") is not None and "nav2" not in given_options():
+            raise ValueError(f"nav2: got {cfg.nav2} from a configuration file, expected it on the command line")
+        _set_up_jax()
+        with _no_collection():
+            from qocjax.config.part import load  # with JAX, which composing does without
+
+            load(self.model(), cfg)
+            work = import_module(f"qocjax.commands.{self.name}")
+        work.main(cfg)
+
+
+@contextmanager
+def _one_line() -> Iterator[None]:
+    """Ends the program with one line for whatever goes wrong."""
+    try:
+        yield
+    except (ValueError, TypeError, OSError) as error:
+        if os.environ.get("QOCJAX_TRACEBACK"):
+            raise
+        _fail(error)
+    except Exception as error:
+        if os.environ.get("QOCJAX_TRACEBACK"):
+            raise
+        _fail(_unforeseen(error))
+    except KeyboardInterrupt as stop:
+        print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
+        sys.exit(130)
+
+
+def _compose_once() -> None:
+    """Spares Hydra the composition that it makes to learn of `hydra.mode` alone, where nothing can have set it."""
+    asked = Hydra.get_mode
+
+    def mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
+        own = any(each.startswith(("-c", "--config")) for each in sys.argv[1:])  # files that are not of the package
+        return asked(self, config_name, overrides) if own or any("hydra.mode" in each for each in overrides) else None
+
+    if asked.__module__ == Hydra.__module__:  # not yet
+        Hydra.get_mode = mode  # type: ignore[method-assign]
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Looks for no garbage while modules are imported: they make many objects, of which all stay."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def _check_help(arguments: Collection[str]) -> None:
@@ -98,7 +148,7 @@ def _check_help(arguments: Collection[str]) -> None:
             raise ValueError(f"help: got {argument}, expected --help")
 
 
-def _expanded(arguments: list[str], short: dict[str, tuple[str, str]]) -> list[str]:
+def _expanded(arguments: list[str], short: Mapping[str, tuple[str, str]]) -> list[str]:
     found = []
     for argument in arguments:
         name, mark, value = argument.partition("=")
@@ -150,6 +200,10 @@ def _first_given(*values: Any) -> Any:
 
 def _set_up_jax() -> None:
     """Fast loops on CPUs, and compiled programs kept between runs in the user's cache folder."""
+    import jax
+
+    from qocjax._xla import request_whole_loop
+
     request_whole_loop()
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         try:
@@ -168,33 +222,3 @@ def output_dir() -> Path:
 def given_options() -> list[str]:
     """Names of the options that the command line gives, without those of Hydra itself."""
     return [re.split(r"[=@]", option.lstrip("+~"))[0] for option in HydraConfig.get().overrides.task]
-
-
-def resumed(config: C, resume: str | None, folder: Path, free: Collection[str]) -> C:
-    """The configuration that a folder holds, with the options that may change; the given one where it was given.
-
-    Args:
-        config: What the command line asks.
-        resume: The folder to go on with, if any.
-        folder: Where results go.
-        free: Options that results do not depend on.
-
-    Raises:
-        ValueError: The folder to go on with is not the one that the results go to, or holds no study of this command.
-    """
-    if resume is None:
-        return config
-    if Path(resume).resolve() != folder.resolve():
-        raise ValueError(f"resume: got {resume} with results in {folder}, expected one folder")
-    there = read_identity(folder)["configuration"]
-    if others := sorted(set(there) - set(type(config).model_fields)):
-        raise ValueError(f"resume: got {resume}, a study with {', '.join(others)}, expected one of this command")
-    if any(name.split(".")[0] not in free for name in given_options()):
-        return config  # what was asked for, to be compared with what is there
-    return type(config).model_validate({**config.model_dump(include=set(free)), **there})
-
-
-def printed_unit(name: str) -> str:
-    """Unit of a value of a design, as it follows the number; nothing where it is a plain number."""
-    unit = unit_of(name)
-    return "" if unit == "1" else unit

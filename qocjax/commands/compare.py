@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import re
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from omegaconf import DictConfig
 
-from qocjax.commands.command_line import command, output_dir
+from qocjax.commands.command_line import output_dir
 from qocjax.commands.sweep_page import collisions_text
 from qocjax.config.compare import CompareConfig
 from qocjax.config.part import load
@@ -25,7 +21,7 @@ from qocjax.study.comparison import Comparison, compare
 from qocjax.study.grid import value_words
 from qocjax.study.opened import open_sweep
 
-__all__ = ["as_options", "comparison_text", "main", "run"]
+__all__ = ["comparison_text", "main", "run"]
 
 
 def run(config: CompareConfig, folder: Path | None = None) -> Comparison:
@@ -94,22 +90,8 @@ def _difference(row: dict) -> str:
     return text if row["paired"] else f"{text} unpaired"
 
 
-def as_options(arguments: Sequence[str]) -> list[str]:
-    """Arguments as options: folders that are named without `studies=` become that list."""
-    folders = [each for each in arguments if not each.startswith("-") and ("=" not in each or os.path.isdir(each))]
-    others = [each for each in arguments if each not in folders]
-    return [*others, f"studies=[{','.join(map(_quoted, folders))}]"] if folders else others
-
-
-def _quoted(text: str) -> str:
-    """A text that Hydra takes as it is."""
-    body = re.sub(r'\\*("|$)', lambda found: found[0].replace("\\", "\\\\").replace('"', '\\"'), text)
-    body = body.replace("${", "\\${")
-    return f'"{body}"'
-
-
-@command("compare")
-def _main(cfg: DictConfig) -> None:
+def main(cfg: DictConfig) -> None:
+    """Command line."""
     config = load(CompareConfig, cfg)
     folder = output_dir()
     found = run(config, folder)
@@ -118,9 +100,3 @@ def _main(cfg: DictConfig) -> None:
     for note in found.notes:
         print(f"note: {note}")
     print(f"Table, figure and report.html are in {folder}")
-
-
-def main() -> None:
-    """Command line; folders may be named without `studies=`."""
-    sys.argv[1:] = as_options(sys.argv[1:])
-    _main()

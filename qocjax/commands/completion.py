@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
+from qocjax._conf import conf_dir, hydra_base
 from qocjax.commands.help import choices_of, offered
-from qocjax.config.part import conf_dir, hydra_base
 
 __all__ = ["SHELLS", "completion", "words_of"]
 

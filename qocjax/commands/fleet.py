@@ -15,7 +15,8 @@ import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax.commands.command_line import command, output_dir, resumed
+from qocjax.commands.command_line import output_dir
+from qocjax.commands.resuming import resumed
 from qocjax.config import load
 from qocjax.config.fleet import FleetConfig
 from qocjax.config.study import FREE
@@ -254,7 +255,6 @@ def _write(study: FleetStudy, config: FleetConfig, runs: Runs, folder: Path) -> 
     write_json(folder / RECORD, record | provenance())
 
 
-@command("fleet")
 def main(cfg: DictConfig) -> None:
     """Command line."""
     folder = output_dir()

@@ -14,7 +14,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from qocjax.config.part import add_resolver
+from qocjax._conf import add_resolver
 
 __all__ = [
     "Remarks", "choices_of", "choices_text", "described", "offered", "options_of", "options_text", "read_remarks",

@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from qocjax.advice.advice import plain
-from qocjax.commands.command_line import command, output_dir
+from qocjax.commands.command_line import output_dir
 from qocjax.commands.robot_seen import limits_values
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.part import load
@@ -134,7 +134,6 @@ def report(result: Ingested) -> str:
     return "\n".join(lines)
 
 
-@command("ingest")
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(IngestConfig, cfg)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from qocjax.config.part import conf_dir
+from qocjax._conf import conf_dir
 
 __all__ = ["main", "questions"]
 
@@ -36,7 +36,7 @@ def main() -> None:
         _print(completion(given[1], list(questions())))
     elif given[0] in _ORDER:
         sys.argv = [f"qocjax {given[0]}", *given[1:]]
-        importlib.import_module(f"qocjax.commands.{given[0]}").main()
+        importlib.import_module(f"qocjax.{given[0]}").main()
     else:
         near = difflib.get_close_matches(given[0], _ORDER, 1)
         meant = f"; did you mean {near[0]}?" if near else ""

@@ -10,7 +10,7 @@ import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax.commands.command_line import command, output_dir
+from qocjax.commands.command_line import output_dir
 from qocjax.config.part import load
 from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import delay_figure, qoc_figure, win_map
@@ -134,7 +134,6 @@ def _draw(study: QosStudy, shown: tuple[float, float], folder: Path) -> None:
     save(win_map(study.results[study.results["profile"] != first], first), folder / "map")
 
 
-@command("qos")
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(QosConfig, cfg)

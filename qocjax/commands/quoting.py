@@ -10,7 +10,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import QuotedString
 from hydra.errors import HydraException
 
-__all__ = ["PATHS", "quoted_options"]
+__all__ = ["PATHS", "as_options", "quoted_options"]
 
 PATHS = ("path", "map", "file", "resume", "dir")
 """Last words of options that name files and folders; a `~` at their beginning is the user's home."""
@@ -73,3 +73,17 @@ def _parsed(argument: str, parser: OverridesParser) -> object:
 
 def _in_quotes(value: str) -> str:
     return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + ("\\'" if m[2] else ""), value) + "'"
+
+
+def as_options(arguments: Sequence[str]) -> list[str]:
+    """Arguments as options: folders that are named without `studies=` become that list."""
+    folders = [each for each in arguments if not each.startswith("-") and ("=" not in each or os.path.isdir(each))]
+    others = [each for each in arguments if each not in folders]
+    return [*others, f"studies=[{','.join(map(_as_it_is, folders))}]"] if folders else others
+
+
+def _as_it_is(text: str) -> str:
+    """A text that Hydra takes as it is."""
+    body = re.sub(r'\\*("|$)', lambda found: found[0].replace("\\", "\\\\").replace('"', '\\"'), text)
+    body = body.replace("${", "\\${")
+    return f'"{body}"'

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from omegaconf import DictConfig
 
-from qocjax.commands.command_line import command, output_dir
+from qocjax.commands.command_line import output_dir
 from qocjax.config import load
 from qocjax.config.show import ShowConfig
 from qocjax.controllers import Apf, Cbf, Controller
@@ -19,9 +19,9 @@ from qocjax.figures.paths import check_run, closest_approach
 from qocjax.figures.save import save
 from qocjax.figures.trajectories import trajectories
 from qocjax.navigation import NavigationStack, StaticMap, snapshot
-from qocjax.simulate import Run
+from qocjax.single import Run
 from qocjax.store import provenance, write_config, write_json, write_table
-from qocjax.study.replay import replay
+from qocjax.study.replayed import replay
 
 __all__ = ["Shown", "main", "report", "run"]
 
@@ -134,7 +134,6 @@ def report(shown: Shown) -> str:
     return "\n".join(lines)
 
 
-@command("show", nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config, folder = load(ShowConfig, cfg), output_dir()

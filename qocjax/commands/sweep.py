@@ -3,58 +3,34 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import jax
 import numpy as np
-import pandas as pd
 from omegaconf import DictConfig
-from tqdm import tqdm
 
-from qocjax.commands.command_line import command, output_dir, resumed
-from qocjax.commands.sweep_page import page
+from qocjax._beside import process_beside
+from qocjax.commands.command_line import output_dir
+from qocjax.commands.resuming import resumed
 from qocjax.config import StudyConfig, load
-from qocjax.config.scale import yardstick
 from qocjax.config.study import FREE
-from qocjax.figures.beside import process_beside
-from qocjax.figures.study import draw_study
-from qocjax.navigation import StaticMap
-from qocjax.report import study_page, write_study_report
-from qocjax.scenario import Design
-from qocjax.simulate import Run
-from qocjax.statistics.units import units_in
-from qocjax.store import provenance, write_config, write_json, write_table
-from qocjax.store.files import digest_of
-from qocjax.store.provenance import change_of
-from qocjax.store.study_folder import RECORD, ChunkFolder, read_record, study_folder
-from qocjax.study import Study, replay
-from qocjax.study.arrays import check_arrays, write_arrays
-from qocjax.study.capacity import at_once_text, overload_texts, usual_load
-from qocjax.study.chosen import design_at, place_of
-from qocjax.study.chunks import steps_of
-from qocjax.study.grid import Grid
-from qocjax.study.hanging import hanging_of
-from qocjax.study.problem import Problem
-from qocjax.study.reliability import load_of
-from qocjax.study.replays import policy_runs
-from qocjax.study.sweep import study_of
-from qocjax.study.table import column_units, sound
+from qocjax.store.study_folder import read_record
+
+if TYPE_CHECKING:
+    from qocjax.study import Study
 
 __all__ = ["main", "run"]
 
 
-def run(
-    config: StudyConfig, folder: Path | None = None, *, quiet: bool = False, drawing: Executor | None = None
-) -> Study:
+def run(config: StudyConfig, folder: Path | None = None, *, quiet: bool = False, beside: bool = False) -> Study:
     """Runs the study of a configuration, or what of it the folder does not hold yet.
 
     Args:
         config: What to simulate.
         folder: Where chunks, tables, figures and the record go; None keeps all in memory.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
-        drawing: A process that draws half of the figures, from `process_beside`.
+        beside: Draw half of the figures in a process of its own; see `process_beside`, for which programs.
 
     Raises:
         ValueError: A value of the configuration is out of range, or the folder holds another study.
@@ -62,142 +38,40 @@ def run(
     """
     problem, grid = config.build_problem(), config.build_grid()
     room = config.build_map()
-    for text in config.beyond():
-        _note(text)
-    if (remark := config.rate_remark(problem.network, float(np.min(problem.designs.tau)))) is not None:
-        _note(remark)
-    if folder is None:
-        return _simulate(config, problem, grid, None, quiet)
-    if config.arrays:
-        check_arrays()
-    with study_folder(folder, config.identity(), problem.data(), _note) as chunks:
-        write_config(folder, config.model_dump())
-        study = _simulate(config, problem, grid, chunks, quiet)
-        for text in change_of(study.made_with):
-            _note(text)
-        digests = _write_tables(study, folder)
-        if config.arrays:
-            write_arrays(study, folder)
-        with ThreadPoolExecutor(1) as aside:  # most of a report is compiling what runs the replays
-            reported = aside.submit(_write_report, study, problem, room, folder) if config.report else None
-            if config.figures:
-                shown = jax.tree.map(np.asarray, representative_run(study, config, problem))
-                draw_study(*sound(study.results, study.policies), shown, folder / "figures", drawing,
-                           config.max_collision_share)  # fmt: skip
-            if reported is not None:
-                reported.result()
-        _write_record(study, config, problem, digests, folder)
-    return study
+    several = beside and folder is not None and config.figures
+    with process_beside("qocjax.figures.study") if several else nullcontext() as drawing:
+        from qocjax.commands.sweep_work import note, simulated, written  # takes as long as JAX: after what may refuse
+
+        for text in config.beyond():
+            note(text)
+        if (remark := config.rate_remark(problem.network, float(np.min(problem.designs.tau)))) is not None:
+            note(remark)
+        if folder is None:
+            return simulated(config, problem, grid, None, quiet)
+        return written(config, problem, grid, room, folder, quiet, drawing)
 
 
-def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder: Path) -> None:
-    page = study_page(folder.resolve().name, study, problem, policy_runs(study, problem), room)
-    write_study_report(folder / "report.html", page)
-
-
-def _simulate(config: StudyConfig, problem: Problem, grid: Grid, chunks: ChunkFolder | None, quiet: bool) -> Study:
-    selection, evaluation = config.seeds()
-    loads = [(setup.network, load_of(setup.scenario, config.loop.tau)) for _, setup in problem.groups(problem.designs)]
-    for text in dict.fromkeys(t for each in loads for t in overload_texts(*each, float(grid.deadline.max()))):
-        _note(text)
-    bar = tqdm(
-        total=int(steps_of(problem, problem.designs).sum()) * len(selection),
-        desc="simulating", unit=" robot-steps", unit_scale=True, file=sys.stderr, disable=True if quiet else None,
-    )  # fmt: skip
-    with bar, config.engine.open(_note) as engine:
-        return study_of(
-            problem, grid, selection, evaluation,
-            min_reliability=config.sweep.min_reliability, scale=config.scale(),
-            j_max_of=config.sweep.j_max_of, max_collision_share=config.max_collision_share, shelf=chunks, engine=engine,
-            chunk_steps=config.chunk_steps, progress=lambda steps: bar.update(min(steps, bar.total - bar.n)),
-        )  # fmt: skip
-
-
-def _note(text: str) -> None:
-    tqdm.write(f"note: {text}", file=sys.stderr)
-
-
-def hanging_text(study: Study, config: StudyConfig) -> str:
+def _hanging_text(study: Study, config: StudyConfig) -> str:
     """The conclusions of the paper that hang on a choice of the configuration; nothing where none is known to."""
+    from qocjax.study.hanging import hanging_of
+
     return hanging_of(config.build_problem(), list(dict.fromkeys(study.results["sweep"]))).text
 
 
-def representative_run(study: Study, config: StudyConfig, problem: Problem) -> Run:
-    """The baseline, at the deadline of its best QoC, on the selection seed whose AUC there is the median."""
-    row = _baseline_row(study.results, config.baseline())
-    design = design_at(study.results.loc[row])
-    runs = study.runs.isel(design=place_of(study.runs, design))
-    auc = runs["auc"].mean("robot").values
-    seed = int(runs["seed"].values[np.argsort(auc)[len(auc) // 2]])
-    setup = problem.setup_of(design)
-    return replay(setup.scenario, problem.numbers(design), setup.network, seed, rules=setup.rules, key=problem.key,
-                  controller=setup.controller)  # fmt: skip
-
-
-def _baseline_row(results: pd.DataFrame, baseline: Design) -> int:
-    """Row of the best QoC among those that hold the baseline; the best of all where no grid holds it.
-
-    What diverged or failed is left out.
-    """
-    results = results[results["diverged_share"] == 0]
-    own = {name: value for name, value in baseline.values().items() if name != "deadline"}
-    held = np.all([np.isclose(results[name], value) for name, value in own.items()], axis=0)
-    rows = results[held] if held.any() else results
-    return int(rows["qoc"].idxmax())
-
-
-def _write_tables(study: Study, folder: Path) -> dict[str, str]:
-    """Writes the tables; returns the digest of each file."""
-    paths = []
-    for name, table in (("results", study.results), ("policies", study.policies)):
-        table = table.copy(deep=False)
-        table.attrs = {"units": column_units(table), "configuration": dict(study.configuration or {})}
-        paths += write_table(folder / name, table)
-    return {path.name: digest_of(path) for path in paths}
-
-
-def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: dict[str, str], folder: Path) -> None:
-    selection, evaluation = config.seeds()
-    record = {
-        "yardstick": yardstick(problem.scenario),
-        "j_med": study.scale.median,
-        "j_med_se": study.scale.median_se,
-        "j_max": study.scale.largest,
-        "seeds": {"selection": [selection.start, selection.stop], "evaluation": [evaluation.start, evaluation.stop]},
-        "units": _stretches(study),
-        "key": config.key,
-        "network": problem.network.describe(),
-        "computations_at_once": at_once_text(problem.network, *usual_load(study, problem)),
-        "path": {name: study.runs.attrs[name] for name in ("math", "dtype")},
-        "configuration": study.configuration,
-        "tables": digests,
-        "failures": dict(study.failures),
-        "made_with": list(study.made_with),
-        "chunks": list(study.chunks),
-    }
-    write_json(folder / RECORD, record | provenance(problem.controller))
-
-
-def _stretches(study: Study) -> dict[str, list[int]]:
-    """Labels of the seeds of both parts, where seeds share stretches of a trace."""
-    parts = {"selection": study.runs, "evaluation": study.evaluation}
-    return {name: units_in(runs).tolist() for name, runs in parts.items() if "stretch" in runs.coords}
-
-
-@command("sweep", nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     folder = output_dir()
     asked = load(StudyConfig, cfg)
     config = resumed(asked, asked.resume, folder, FREE)
     try:
-        with process_beside() if config.figures else nullcontext() as drawing:
-            study = run(config, folder, drawing=drawing)
+        study = run(config, folder, beside=True)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"resume={folder} goes on") from None
+    from qocjax.commands.sweep_page import page
+
     computations = read_record(folder)["computations_at_once"]
     print(page(study, config, config.build_network(), computations))
-    if text := hanging_text(study, config):
+    if text := _hanging_text(study, config):
         print(text)
     print(f"Tables, figures and the record are in {folder}")
     if study.failures:

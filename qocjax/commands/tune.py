@@ -10,7 +10,7 @@ import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax.commands.command_line import command, output_dir
+from qocjax.commands.command_line import output_dir
 from qocjax.config import load
 from qocjax.config.scale import yardstick
 from qocjax.config.tune import TuneConfig
@@ -141,7 +141,6 @@ def _draw(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
         save(tuning_map(found, tuning.trace, tuning.designs), folder / "map")
 
 
-@command("tune")
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(TuneConfig, cfg)

@@ -12,7 +12,7 @@ import pandas as pd
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from qocjax.commands.command_line import command, output_dir
+from qocjax.commands.command_line import output_dir
 from qocjax.commands.validation_page import page
 from qocjax.config import load
 from qocjax.config.bounds import built_bounds
@@ -194,7 +194,6 @@ def report(outcome: Outcome) -> str:
     return page(outcome.validation, outcome.points, outcome.fit, outcome.judged)
 
 
-@command("validate", nav2=True)
 def main(cfg: DictConfig) -> None:
     """Command line."""
     config = load(ValidateConfig, cfg)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from qocjax.commands.command_line import printed_unit
 from qocjax.study.edges import bounds_text
+from qocjax.units import printed_unit
 from qocjax.validation import Curve, Fit, Judged, Validation
 
 __all__ = ["page"]

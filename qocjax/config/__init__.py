@@ -4,8 +4,8 @@ Hydra composes the YAML files of `conf/`; the models here reject an unknown key 
 turn them into scenarios, designs, rules and networks. After that no configuration travels.
 """
 
-from qocjax.config.part import Part, add_resolver, conf_dir, hydra_base, load
+from qocjax.config.part import Part, conf_dir, load
 from qocjax.config.simulation import SimulationConfig
 from qocjax.config.study import StudyConfig, build_problem
 
-__all__ = ["Part", "SimulationConfig", "StudyConfig", "add_resolver", "build_problem", "conf_dir", "hydra_base", "load"]
+__all__ = ["Part", "SimulationConfig", "StudyConfig", "build_problem", "conf_dir", "load"]

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from qocjax.config.part import Part
-from qocjax.study.chunks import Engine
-from qocjax.study.engine import LocalEngine
+
+if TYPE_CHECKING:
+    from qocjax.study.chunks import Engine
 
 __all__ = ["EngineConfig"]
 
@@ -22,6 +23,8 @@ class LocalConfig(Part):
 
     def open(self, note: Callable[[str], object] = lambda text: None) -> AbstractContextManager[Engine]:
         """The engine, to be used in a `with` statement."""
+        from qocjax.study.engine import LocalEngine  # with what simulates
+
         return nullcontext(LocalEngine())
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import resources
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-__all__ = ["Part", "add_resolver", "conf_dir", "hydra_base", "line_of", "load"]
+from qocjax._conf import conf_dir
+
+__all__ = ["Part", "conf_dir", "line_of", "load"]
 
 
 class Part(BaseModel):
@@ -54,21 +52,3 @@ def line_of(item: Any, raw: Any) -> str:
     if item["type"] == "missing":
         return f"{name}: got nothing, expected a value"
     return f"{name}: got {item['input']!r}, expected {item['msg'].removeprefix('Input should be ')}"
-
-
-def hydra_base() -> dict[str, str]:
-    """What Hydra is told of the version whose ways are meant: 1.3 must be, and 1.4, which no longer asks, warns."""
-    return {"version_base": "1.3"} if version("hydra-core").startswith("1.3.") else {}
-
-
-def add_resolver(name: str, resolve: Callable[..., Any]) -> None:
-    """Makes `${name:...}` known to configurations; OmegaConf 2.4 warns of the name that 2.3 has for it."""
-    old = version("omegaconf").startswith("2.3.")
-    register: Any = OmegaConf.register_new_resolver if old else OmegaConf.register_resolver
-    register(name, resolve, replace=True)
-
-
-def conf_dir() -> Path:
-    """Folder of the YAML files: inside an installed package, or beside the package in a checkout."""
-    packaged = Path(str(resources.files("qocjax"))) / "conf"
-    return packaged if packaged.is_dir() else packaged.parent.parent / "conf"

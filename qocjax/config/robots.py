@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
 from qocjax.config.part import conf_dir
-from qocjax.recorded.nearest import Preset
+
+if TYPE_CHECKING:
+    from qocjax.recorded.nearest import Preset
 
 __all__ = ["UNICYCLE", "presets"]
 
@@ -19,6 +21,8 @@ UNICYCLE = "qocjax.robots.Unicycle"
 @cache
 def presets() -> tuple[Preset, ...]:
     """Every one, by name."""
+    from qocjax.recorded.nearest import Preset  # with all that reads files
+
     found = []
     for path in sorted((conf_dir() / "robot").glob("*.yaml")):
         content: Any = OmegaConf.load(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from omegaconf import OmegaConf
 from pydantic import Field, ValidationInfo, field_validator
@@ -14,10 +14,9 @@ from qocjax.config.delay import Computing, Delay, EdgeConfig
 from qocjax.config.part import Part, conf_dir
 from qocjax.config.robots import presets
 from qocjax.network import ComputedTrace, Constant, DelayLaw, Network, Trace, read_trace, with_edge
-from qocjax.recorded.as_trace import network_of, read_file
-from qocjax.recorded.formats import FORMATS, found_format
-from qocjax.recorded.run import RecordedRun
-from qocjax.recorded.topics import TopicPatterns
+
+if TYPE_CHECKING:
+    from qocjax.recorded.run import RecordedRun
 
 __all__ = ["TraceConfig"]
 
@@ -60,6 +59,8 @@ class TraceConfig(Part):
         given = [name for name in ("sequence", "separator", "stamp") if getattr(self, name) is not None]
         if given:
             raise ValueError(f"network.column: got nothing with {given[0]}, expected the name of the loop times'")
+        from qocjax.recorded.as_trace import network_of
+
         run = self.read()
         if run.loops and not run.computed and self.compute is None:
             raise ValueError(
@@ -86,6 +87,8 @@ class TraceConfig(Part):
         try:
             return self._table()
         except ValueError as error:
+            from qocjax.recorded.formats import FORMATS, found_format
+
             kind = found_format(Path(self.path)) if "has no column" in str(error) else None
             if kind is None:
                 raise
@@ -107,6 +110,9 @@ class TraceConfig(Part):
 
     def read(self) -> RecordedRun:
         """What is in the file; of a bag the topics that `ingest` looks for by default."""
+        from qocjax.recorded.as_trace import read_file  # what reads files is not needed where there is none
+        from qocjax.recorded.topics import TopicPatterns
+
         found = OmegaConf.load(conf_dir() / "reading" / "default.yaml").topics
         names = ("poses", "commands", "goals", "odometry", "footprints")
         topics = TopicPatterns(**{name: tuple(found[name]) for name in names})

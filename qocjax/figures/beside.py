@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-import atexit
-import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from collections.abc import Callable, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
 from pathlib import Path
-from threading import Thread
-from typing import Any
 
 from matplotlib.figure import Figure
 
 from qocjax.figures.save import save
 
-__all__ = ["Drawing", "draw_all", "process_beside"]
+__all__ = ["Drawing", "draw_all"]
 
 # What makes the figure, picklable, and where it goes (path without suffix).
 Drawing = tuple[Callable[[], Figure], Path]
-
-
-@contextmanager
-def process_beside() -> Iterator[Executor]:
-    """A process that draws, started at once so that it is ready when the results are; for command lines.
-
-    It is spawned, since JAX's threads do not survive a fork. A program that opens it must be guarded by
-    `if __name__ == "__main__"`, as with any spawned process.
-    """
-    pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
-    try:
-        pool.submit(int)  # nothing; the first task starts the process
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def draw_all(drawings: Sequence[Drawing], pool: Executor | None = None) -> list[Path]:
@@ -66,18 +44,3 @@ def draw_all(drawings: Sequence[Drawing], pool: Executor | None = None) -> list[
 def _draw(drawing: Drawing) -> list[Path]:
     make, stem = drawing
     return save(make(), stem)
-
-
-def _begin() -> None:
-    """In the other process: Ctrl-C, which reaches both, is left to this one; nothing is tidied up at the end.
-
-    It ends with this one, whatever ends that: a kill leaves nobody to shut it down.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    atexit.register(os._exit, 0)
-    Thread(target=_follow, args=(parent_process(),), daemon=True).start()
-
-
-def _follow(parent: Any) -> None:
-    parent.join()
-    os._exit(1)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
@@ -16,6 +16,9 @@ from qocjax.figures.save import save
 from qocjax.figures.style import GREY, OKABE_ITO, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
 from qocjax.figures.ticks import label_steps
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["draw_codesign", "qoc_against_demand", "search_curves"]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from qocjax.figures.tables import grid
 from qocjax.statistics.estimates import clopper_pearson
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["BREAKS", "HATCHES", "OPEN", "collision_cells", "hatch_cells", "hatch_patches"]
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
@@ -13,6 +12,9 @@ from matplotlib.figure import Figure
 from qocjax.figures.quantities import parameter
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, POLICIES, paper_style, sequence
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["compared"]
 

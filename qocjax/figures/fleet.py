@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
@@ -17,6 +16,9 @@ from qocjax.figures.save import save
 from qocjax.figures.style import GREY, OKABE_ITO, POLICIES, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
 from qocjax.fleets.tables import FleetStudy
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["draw_fleet", "fleet_figure"]
 

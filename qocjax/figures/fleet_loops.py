@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from qocjax.figures.quantities import DEADLINE_LABEL, RELIABILITY_LABEL
 from qocjax.figures.style import GREY, OKABE_ITO, SINGLE_COLUMN, paper_style, sequence
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["completion_figure", "steps_figure"]
 

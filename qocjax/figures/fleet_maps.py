@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -16,6 +16,9 @@ from matplotlib.patheffects import Normal, Stroke
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
 from qocjax.fleets.limits import Asked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["maps_figure"]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import pandas as pd
+from typing import TYPE_CHECKING
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -10,6 +11,9 @@ from matplotlib.lines import Line2D
 from qocjax.figures.quantities import milliseconds
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, paper_style
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["gradient_errors"]
 

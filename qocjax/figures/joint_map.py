@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -18,6 +17,9 @@ from qocjax.figures.quantities import milliseconds, parameter
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, POLICIES, paper_style
 from qocjax.figures.tables import check_table, policy_rows, sweep_rows
 from qocjax.study.grid import axes_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["joint_map", "plane_at"]
 

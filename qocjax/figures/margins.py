@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
@@ -17,6 +17,9 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from qocjax.figures.style import COLOUR_MAP, POLICIES, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["delay_reliability_map"]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -17,6 +17,9 @@ from qocjax.figures.colliding import collision_cells, hatch_cells, hatch_patches
 from qocjax.figures.quantities import DEADLINE_LABEL, RELIABILITY_LABEL, milliseconds, parameter
 from qocjax.figures.style import COLOUR_MAP, POLICIES, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import baseline_index, check_table, grid, policy_rows, sweep_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["qoc_map"]
 

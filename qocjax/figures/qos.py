@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import SymLogNorm
@@ -15,6 +15,9 @@ from matplotlib.lines import Line2D
 from qocjax.figures.quantities import DEADLINE_LABEL
 from qocjax.figures.style import DOUBLE_COLUMN, OKABE_ITO, paper_style
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["delay_figure", "qoc_figure", "win_map"]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from qocjax.batch.evaluate import unit_of
 from qocjax.scenario import DESIGN
 from qocjax.study.grid import axes_of, is_joint, values_of
+from qocjax.units import unit_of
 
 __all__ = [
     "DEADLINE_LABEL", "PARAMETERS", "RELIABILITY_LABEL", "Parameter", "is_parameter", "milliseconds", "parameter",

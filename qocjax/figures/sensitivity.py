@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from qocjax.figures.quantities import PARAMETERS
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["sensitivity_bars"]
 

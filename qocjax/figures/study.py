@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from qocjax.figures.auc_deadline import auc_against_deadline
 from qocjax.figures.beside import draw_all
@@ -18,6 +17,9 @@ from qocjax.figures.qoc_map import qoc_map
 from qocjax.figures.quantities import short_name
 from qocjax.figures.trajectories import RunLike, trajectories
 from qocjax.study.grid import axes_of, is_joint
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["draw_study"]
 

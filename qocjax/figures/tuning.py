@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
@@ -12,6 +13,9 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from qocjax.figures.quantities import PARAMETERS, milliseconds
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, SINGLE_COLUMN, paper_style, sequence
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["tuning_map", "tuning_progress"]
 

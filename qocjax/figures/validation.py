@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -15,6 +15,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from qocjax.figures.quantities import RELIABILITY_LABEL
 from qocjax.figures.style import DOUBLE_COLUMN, GREY, OKABE_ITO, SINGLE_COLUMN, paper_style
 from qocjax.figures.tables import check_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["calibration_figure", "validation_figure"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from qocjax import _checks
+from qocjax._lazy import special
 from qocjax.fleets.point import Point
 from qocjax.statistics.estimates import resampled
 
@@ -78,7 +78,7 @@ def _tail(seeds: int) -> float:
     """Share of resamples on each side of the interval: of few seeds they spread less than Student's law says."""
     if seeds < 2:
         return 0.0
-    return float(special.ndtr(special.stdtrit(seeds - 1, 0.025) * np.sqrt(seeds / (seeds - 1))))
+    return float(special().ndtr(special().stdtrit(seeds - 1, 0.025) * np.sqrt(seeds / (seeds - 1))))
 
 
 def largest_fleet(points: Sequence[Point], asked: Asked) -> int | None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.network.estimate import usage
 from qocjax.statistics.estimates import share as share_of
@@ -16,6 +15,9 @@ from qocjax.study.chosen import design_at, place_of
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of
 from qocjax.study.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["BEST", "Point", "point_of"]
 

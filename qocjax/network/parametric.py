@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import special
 
+from qocjax._lazy import special
 from qocjax.network._fields import plain, store_float
 
 __all__ = ["Constant", "ShiftedGamma", "ShiftedLogNormal", "TruncatedNormal"]
@@ -75,7 +75,7 @@ class TruncatedNormal:
 
     @property
     def _mass(self) -> float:
-        below, above = special.ndtr(self._bounds)
+        below, above = special().ndtr(self._bounds)
         return float(above - below)
 
     def sample(self, key: Array, shape: tuple[int, ...]) -> Array:
@@ -86,12 +86,12 @@ class TruncatedNormal:
     def cdf(self, delay: Any) -> np.ndarray:
         """Returns the CDF at `delay` (s)."""
         unit = (np.asarray(delay, dtype=np.float64) - self.mean) / self.std
-        return np.clip((special.ndtr(unit) - special.ndtr(self._bounds[0])) / self._mass, 0.0, 1.0)
+        return np.clip((special().ndtr(unit) - special().ndtr(self._bounds[0])) / self._mass, 0.0, 1.0)
 
     def quantile(self, probability: Any) -> np.ndarray:
         """Returns the delay in s at each probability."""
-        level = special.ndtr(self._bounds[0]) + np.asarray(probability, dtype=np.float64) * self._mass
-        return np.clip(self.mean + self.std * special.ndtri(level), self.low, self.high)
+        level = special().ndtr(self._bounds[0]) + np.asarray(probability, dtype=np.float64) * self._mass
+        return np.clip(self.mean + self.std * special().ndtri(level), self.low, self.high)
 
     def describe(self) -> dict[str, Any]:
         """Returns the law as plain values."""
@@ -118,11 +118,11 @@ class ShiftedGamma:
     def cdf(self, delay: Any) -> np.ndarray:
         """Returns the CDF at `delay` (s)."""
         excess = np.maximum(np.asarray(delay, dtype=np.float64) - self.shift, 0.0)
-        return special.gammainc(self.shape, excess / self.scale)
+        return special().gammainc(self.shape, excess / self.scale)
 
     def quantile(self, probability: Any) -> np.ndarray:
         """Returns the delay in s at each probability."""
-        return self.shift + self.scale * special.gammaincinv(self.shape, np.asarray(probability, dtype=np.float64))
+        return self.shift + self.scale * special().gammaincinv(self.shape, np.asarray(probability, dtype=np.float64))
 
     def describe(self) -> dict[str, Any]:
         """Returns the law as plain values."""
@@ -150,11 +150,13 @@ class ShiftedLogNormal:
         """Returns the CDF at `delay` (s)."""
         excess = np.maximum(np.asarray(delay, dtype=np.float64) - self.shift, 0.0)
         with np.errstate(divide="ignore"):  # log 0 = -inf, of CDF 0
-            return special.ndtr(np.log(excess / self.median) / self.sigma)
+            return special().ndtr(np.log(excess / self.median) / self.sigma)
 
     def quantile(self, probability: Any) -> np.ndarray:
         """Returns the delay in s at each probability."""
-        return self.shift + self.median * np.exp(self.sigma * special.ndtri(np.asarray(probability, dtype=np.float64)))
+        return self.shift + self.median * np.exp(
+            self.sigma * special().ndtri(np.asarray(probability, dtype=np.float64))
+        )
 
     def describe(self) -> dict[str, Any]:
         """Returns the law as plain values."""

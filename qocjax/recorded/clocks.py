@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
-from scipy.stats import theilslopes
 
 __all__ = ["Clock", "lower_envelope", "steps", "two_way_clock"]
 
@@ -60,6 +58,8 @@ def lower_envelope(time: Array, delay: Array, window: float) -> tuple[Array, Arr
         raise ValueError(f"window: got {window}, expected a time > 0 s")
     if time.size == 0 or time.shape != delay.shape or not (np.isfinite(time).all() and np.isfinite(delay).all()):
         raise ValueError(f"delay: got {delay.size} delays at {time.size} times, expected finite ones, one a time")
+    from scipy.stats import theilslopes  # a third of a second, which only logs with clocks need take
+
     order = np.argsort(time, kind="stable")
     time, delay = time[order], delay[order]
     starts = _starts(time, window)
@@ -79,6 +79,8 @@ def _without_dips(least: Array) -> Array:
     """The envelope without single stretches far below their neighbours: a wrong stamp, no clock, makes those."""
     if least.size < 5:
         return least
+    from scipy.ndimage import median_filter  # with scipy.stats
+
     usual = median_filter(least, 5, mode="mirror")
     below = usual - least
     return np.where(below > _DIP * np.median(np.abs(below)), usual, least)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from qocjax.network.numbering import number_loops
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.stamps import Stamps
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["in_order", "numbered"]
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.figures.style import OKABE_ITO, sequence
 from qocjax.report.charts import axis, colour_style, layout, legend_item
@@ -18,6 +17,9 @@ from qocjax.report.parts import chart_place, tabs
 from qocjax.report.policies import mark
 from qocjax.study.comparison import Comparison
 from qocjax.study.reliability import share_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["write_comparison_report"]
 

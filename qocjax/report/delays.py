@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.figures.style import POLICIES
 from qocjax.network.interface import Reliability
@@ -15,6 +14,9 @@ from qocjax.report.charts import axis, layout
 from qocjax.report.html import escape, number
 from qocjax.report.labels import MARKERS, RELIABILITY, symbol
 from qocjax.study.reliability import share_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Completion", "completion_words", "delay_chart", "delay_facts", "late_chart"]
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from omegaconf import OmegaConf
 
 from qocjax.config.fleet import FleetConfig
@@ -35,6 +34,9 @@ from qocjax.study.capacity import at_once_text
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["write_fleet_report"]
 

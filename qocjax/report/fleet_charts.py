@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.fleets.tables import FleetStudy
 from qocjax.report.charts import axis, colour_style, layout, legend_item, series_uid
 from qocjax.report.html import escape, interval, number, percent, plus_minus
 from qocjax.report.labels import DEADLINE, RELIABILITY
 from qocjax.study.reliability import share_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = [
     "LINES",

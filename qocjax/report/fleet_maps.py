@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from qocjax.fleets.tables import FleetStudy
 from qocjax.report.charts import axis, colour_scale, layout
 from qocjax.report.fleet_charts import TEXT, state_text
 from qocjax.report.html import escape, interval, signed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["GIVEN", "map_chart", "steps_chart"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from qocjax.fleets.point import BEST
 from qocjax.report.replay import Replay
-from qocjax.simulate import Run
+from qocjax.single import Run
 from qocjax.study.problem import Problem
 from qocjax.study.replays import policy_runs
 from qocjax.study.study import Study

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.figures.joint_map import plane_at
 from qocjax.report.charts import axis, colour_scale, layout
 from qocjax.report.html import number
 from qocjax.report.labels import MARKERS, label, symbol, value_text, values_words
 from qocjax.study.grid import axes_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["best_chart", "plane_chart"]
 

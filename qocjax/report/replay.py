@@ -11,7 +11,7 @@ import numpy as np
 
 from qocjax.figures.style import OKABE_ITO, sequence
 from qocjax.report.hall import HallMap
-from qocjax.simulate import Run
+from qocjax.single import Run
 
 __all__ = ["Replay", "hold_times", "replay_data"]
 

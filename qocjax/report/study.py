@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from qocjax.figures.tables import present_sweeps
 from qocjax.quality import QocScale
@@ -26,6 +24,9 @@ from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
 from qocjax.study.grid import is_joint
 from qocjax.study.hanging import Hanging
 from qocjax.study.ties import tie_lines
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["StudyPage", "write_study_report"]
 

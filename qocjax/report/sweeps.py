@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.figures.colliding import BREAKS, OPEN, collision_cells
 from qocjax.figures.tables import baseline_index, grid
@@ -13,6 +12,9 @@ from qocjax.report.charts import axis, colour_scale, layout, legend_item, series
 from qocjax.report.html import escape, number, percent, plus_minus
 from qocjax.report.labels import DEADLINE, MARKERS, label, name_of, symbol, value_cell, value_text
 from qocjax.study.reliability import share_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["auc_chart", "auc_legend", "qoc_chart"]
 

@@ -44,7 +44,8 @@ def _network(options: str) -> Network:
     from hydra.errors import HydraException
     from omegaconf.errors import OmegaConfBaseException
 
-    from qocjax.config import conf_dir, hydra_base, load
+    from qocjax._conf import conf_dir, hydra_base
+    from qocjax.config import load
     from qocjax.config.show import ShowConfig
 
     try:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from qocjax.batch import evaluate
@@ -21,6 +21,9 @@ from qocjax.statistics.scores import Scores
 from qocjax.statistics.units import units_of
 from qocjax.study.reliability import load_of, reliability_of
 from qocjax.study.sweep import qoc_by_seed
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Objective", "pilot_scale"]
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special  # not scipy.stats, which takes a third of a second to import
+
+from qocjax._lazy import special
 
 __all__ = [
     "Estimate", "bootstrap_weights", "clopper_pearson", "estimate", "paired", "relative", "resampled", "share",
@@ -84,7 +85,7 @@ def estimate(values: ArrayLike, confidence: float = 0.95, units: np.ndarray | No
 
 def student(observations: int, confidence: float = 0.95) -> float:
     """Standard errors on each side of a mean of so many observations."""
-    return float(special.stdtrit(max(observations - 1, 1), 0.5 + confidence / 2))
+    return float(special().stdtrit(max(observations - 1, 1), 0.5 + confidence / 2))
 
 
 def paired(values: ArrayLike, others: ArrayLike, confidence: float = 0.95, units: np.ndarray | None = None) -> Estimate:
@@ -144,8 +145,8 @@ def share(
 def clopper_pearson(count: ArrayLike, of: ArrayLike, confidence: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper end of a share, of counts that need not be whole, elementwise."""
     hits, rest, tail = np.asarray(count, float), np.asarray(of, float) - count, (1.0 - confidence) / 2.0
-    low = np.where(hits > 0.0, special.betaincinv(np.where(hits > 0.0, hits, 1.0), rest + 1.0, tail), 0.0)
-    return low, np.where(rest > 0.0, special.betaincinv(hits + 1.0, np.where(rest > 0.0, rest, 1.0), 1.0 - tail), 1.0)
+    low = np.where(hits > 0.0, special().betaincinv(np.where(hits > 0.0, hits, 1.0), rest + 1.0, tail), 0.0)
+    return low, np.where(rest > 0.0, special().betaincinv(hits + 1.0, np.where(rest > 0.0, rest, 1.0), 1.0 - tail), 1.0)
 
 
 def resampled(size: int, units: np.ndarray | None, count: int, random: int = 0) -> np.ndarray:
@@ -184,7 +185,7 @@ def bootstrap_weights(size: int, units: Sequence[int] | np.ndarray | None, count
     shares = drawn / drawn.sum(axis=1, keepdims=True)
     if known == 1:
         return shares
-    widen = np.sqrt(known / (known - 1)) * student(known) / special.ndtri(0.975)
+    widen = np.sqrt(known / (known - 1)) * student(known) / special().ndtri(0.975)
     return 1.0 / size + (shares - 1.0 / size) * widen
 
 
@@ -212,5 +213,5 @@ def unpaired(
     se, mean = float(np.sqrt(parts.sum())), first.mean - second.mean
     if not 0 < se < np.inf:
         return Estimate(mean, se, mean - se, mean + se)
-    half = se * float(special.stdtrit(parts.sum() ** 2 / (parts**2 / freedom).sum(), 0.5 + confidence / 2))
+    half = se * float(special().stdtrit(parts.sum() ** 2 / (parts**2 / freedom).sum(), 0.5 + confidence / 2))
     return Estimate(mean, se, mean - half, mean + half)

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from qocjax.network import ComputedTrace, Trace
 from qocjax.network.correlation import correlation_rows, independent_rows
 from qocjax.network.trace import replayed_trace
 from qocjax.statistics.recorded import network_keys
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 __all__ = [
     "joined", "judged_apart", "rows_of_stretch", "seeds_apart", "seeds_in", "study_remark", "trace_remark",

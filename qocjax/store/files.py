@@ -9,10 +9,12 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from omegaconf import OmegaConf
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["digest_of", "write_config", "write_json", "write_table", "write_text", "written"]
 

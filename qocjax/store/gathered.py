@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from xarray.core import indexing
 
-from qocjax.batch.evaluate import unit_of
+from qocjax.units import unit_of
 
 __all__ = ["Piece", "gathered", "worked_out"]
 

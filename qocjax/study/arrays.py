@@ -6,12 +6,14 @@ import importlib.util
 import json
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from qocjax.study.study import Study
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["ARRAYS", "check_arrays", "write_arrays"]
 

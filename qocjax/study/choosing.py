@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from qocjax.study.grid import Grid
 from qocjax.study.policies import POLICIES, NoDesignError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Pick", "least_seeds", "moved_by_limit", "picks", "places_of"]
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import Estimate, estimate, standard_error
@@ -19,6 +18,9 @@ from qocjax.study.chosen import design_of, place_of
 from qocjax.study.grid import axes_of, is_joint
 from qocjax.study.study import Study
 from qocjax.study.table import names_in
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Comparison", "compare"]
 

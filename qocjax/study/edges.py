@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from qocjax.study.grid import axes_of, is_joint
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["at_bounds", "bounds_text", "edges_of", "edges_text"]
 

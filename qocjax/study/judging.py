@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import estimate, share
@@ -16,6 +15,9 @@ from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
 from qocjax.study.grid import axes_of, is_joint
 from qocjax.study.parts import PartRuns
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["judged_policies"]
 

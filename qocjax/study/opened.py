@@ -6,11 +6,10 @@ import importlib.util
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from qocjax.quality import QocScale
 from qocjax.statistics.units import with_units
@@ -20,6 +19,9 @@ from qocjax.store.gathered import Piece, gathered
 from qocjax.store.study_folder import CHUNKS, read_record, written_by
 from qocjax.study.results import Results, open_results
 from qocjax.study.study import Study
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["open_study", "open_sweep"]
 

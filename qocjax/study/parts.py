@@ -7,14 +7,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from qocjax.store.gathered import Piece, gathered
 from qocjax.store.memory import Shelf
 from qocjax.study.chunks import Chunk, Engine, Failure, Part, Result, plan
 from qocjax.study.problem import Problem
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["PartRuns", "run_part"]
 

@@ -16,11 +16,11 @@ from qocjax.network.contention import draw_length
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
-from qocjax.simulate import Run, simulate
+from qocjax.single import Run, simulate
 from qocjax.study.chosen import design_of, place_of
 from qocjax.study.grid import values_of
 from qocjax.study.problem import Problem
-from qocjax.study.replay import replay
+from qocjax.study.replayed import replay
 from qocjax.study.study import Study
 
 __all__ = ["PolicyRun", "policy_runs", "replays"]

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
-from qocjax.batch.evaluate import unit_of
 from qocjax.network.interface import Reliability
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import standard_error
 from qocjax.statistics.scores import seed_scores
 from qocjax.study.grid import Grid
+from qocjax.units import unit_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["names_in", "qoc_by_seed", "results_table", "sound", "column_units"]
 

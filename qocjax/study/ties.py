@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import standard_error, student
 from qocjax.study.choosing import Pick
 from qocjax.study.grid import Grid, axes_of, value_words
 from qocjax.study.table import qoc_by_seed
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 __all__ = ["tie_columns", "tie_lines"]
 

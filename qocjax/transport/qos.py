@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from qocjax import _checks
 from qocjax.batch.evaluate import evaluate
@@ -24,6 +23,9 @@ from qocjax.statistics.scales import scale_of_runs
 from qocjax.statistics.scores import Scores
 from qocjax.study.edges import at_bounds
 from qocjax.transport.transport import bursty_loss, run_transport, traffic_row, transport_row
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Cell", "QosStudy", "qos_study"]
 

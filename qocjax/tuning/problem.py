@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jax import Array
 
 from qocjax.batch.evaluate import run_grid
@@ -20,6 +20,9 @@ from qocjax.search.objective import Objective
 from qocjax.statistics.scores import Scores, seed_scores
 from qocjax.study.edges import at_bounds
 from qocjax.tuning.bounds import Bounds
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["Problem", "spread_starts"]
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from qocjax import _checks
@@ -25,6 +25,9 @@ from qocjax.search import Measure, Problem, Space, find
 from qocjax.search.objective import Objective
 from qocjax.study.edges import at_bounds
 from qocjax.validation.curves import Curve, normalised
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["BOUNDS", "FIT_METHODS", "Fit", "Setting", "fit"]
 

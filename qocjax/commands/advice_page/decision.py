@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from qocjax.advice.advice import Advice
 from qocjax.commands.advice_page.words import GAINS, bound_text, collisions_text, ms, percent, with_ends
-from qocjax.commands.command_line import printed_unit
 from qocjax.study.edges import bounds_text
+from qocjax.units import printed_unit
 
 __all__ = ["decision_lines", "present_lines"]
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -24,6 +23,9 @@ from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
 from qocjax.scenario import Design, Scenario, check_times, num_ticks
 from qocjax.tunables import check_others
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Run", "check_start", "simulate"]
 
@@ -64,6 +66,8 @@ class Run:
 
     def _repr_html_(self) -> str:
         """What it came to, and each robot's metrics, for notebooks."""
+        import pandas as pd  # takes long, and few look
+
         by_robot = {"J_i (s)": self.auc, "path (m)": self.path_length, "arrives (s)": self.arrival_time}
         table = pd.DataFrame({name: np.asarray(value) for name, value in by_robot.items()}).rename_axis("robot")
         return card("Run", self._facts(), table.reset_index())
@@ -86,6 +90,8 @@ class Run:
 
         Of holonomic robots with nu_y, after omega.
         """
+        import pandas as pd  # takes long, and most runs are never a table
+
         instants, robots = np.shape(self.pose)[:2]
         pad = ((0, 1), (0, 0))
         columns = {name: np.asarray(self.pose)[..., k] for k, name in enumerate(("x", "y", "heading"))}

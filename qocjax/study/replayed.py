@@ -14,7 +14,7 @@ from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
-from qocjax.simulate import Run, simulate
+from qocjax.single import Run, simulate
 
 __all__ = ["replay"]
 
