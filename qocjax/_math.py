@@ -38,6 +38,10 @@ class AngleMath(NamedTuple):
     sinc_cos: Callable[[Array], tuple[Array, Array]]
     atan2: Callable[[Array, Array], Array]
 
+    def told_by(self) -> tuple:
+        """What tells these functions from others, to programs that are kept: functions that are made have no names."""
+        return next(((self.name, limit) for limit, math in POLYNOMIALS if math is self), tuple(self))
+
 
 def _exact_sinc_cos(a: Array) -> tuple[Array, Array]:
     small = jnp.abs(a) < 1e-4  # there 1 - a²/6 is exact to rounding, and its gradient finite

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 
-__all__ = ["compiled", "num_workers", "request_whole_loop", "whole_loop_requested"]
+__all__ = ["as_written", "compiled", "num_workers", "request_whole_loop", "whole_loop_requested"]
 
 # A scan is otherwise run as one call per fusion and tick, about a microsecond each; with this XLA compiles the whole
 # loop into one function. The option is read from the environment when XLA starts, so only a program may set it.
@@ -40,6 +40,11 @@ def num_workers() -> int:
     if jax.default_backend() != "cpu":
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+
+
+def as_written(lowered: jax.stages.Lowered) -> jax.stages.Compiled:
+    """Compiles a program whose operations round one by one, as they do where each is a program of its own."""
+    return lowered.compile(compiler_options={"xla_disable_hlo_passes": "fusion"})
 
 
 def compiled(lowered: jax.stages.Lowered) -> jax.stages.Compiled:

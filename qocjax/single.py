@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from jax.typing import ArrayLike
 
 from qocjax import _checks
 from qocjax._card import card
+from qocjax._kept import called
 from qocjax._math import EXACT
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
@@ -164,7 +164,8 @@ def simulate(
     mid_tick, slots = _timing(design, times.shape[0], rules)
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
     design = jax.tree.map(lambda each: jnp.asarray(each, times.dtype), design)  # 0 and 0.1 on one program
-    return _simulate(scenario, design, times, jax.random.key(0) if key is None else key, plan)
+    words = jax.random.key_data(jax.random.key(0) if key is None else key)
+    return called(_simulate, (scenario, design, times, words), (plan,))
 
 
 def check_start(scenario: Scenario, start: ArrayLike) -> None:
@@ -230,10 +231,8 @@ def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]
     return mid_tick, min(room, ticks + 2)
 
 
-@partial(jax.jit, static_argnames="plan")
-def _simulate(scenario: Scenario, design: Design, loop_times: Array, key: Array, plan: Plan) -> Run:
+def _simulate(scenario: Scenario, design: Design, loop_times: Array, words: Array, plan: Plan) -> Run:
     start = jnp.asarray(scenario.start, loop_times.dtype)
-    words = jax.random.key_data(key)
     tally, network, report, recorded = run_closed_loop(scenario, design, start, loop_times, plan, words)
     assert recorded is not None  # the plan records; for the type checker
     goal = jnp.broadcast_to(jnp.asarray(scenario.goal), (start.shape[0], 2))

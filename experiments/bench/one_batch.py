@@ -99,7 +99,7 @@ def _arguments(batch: OneBatch) -> tuple[tuple, Any]:
     from experiments.bench.study import NETWORK, TAU, drawn_designs
     from qocjax import Design, Rules, Scenario
     from qocjax._math import EXACT, angle_math
-    from qocjax.batch.runner import draw_seeds
+    from qocjax.batch.drawing import draw_seeds
     from qocjax.closed_loop import Plan
 
     scenario = Scenario(horizon=batch.ticks * TAU)

@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import pandas as pd
 
+from experiments.bench.phases import with_build
 from experiments.bench.report import markdown
 
 __all__ = ["ROWS", "Row", "Turns", "main", "measured", "printed", "write_history"]
@@ -77,7 +78,7 @@ ROWS = {
     "advise": Row(
         "`advise` on a trace, processor time",
         _command("advise", "network=trace", f"network.path={_TRACE}", r"network.column=delay\(ms\)", "network.unit=ms",
-                 "loop.tau=0.05"),
+                 "loop.tau=0.06"),
         0.5, processor=True, needs=_TRACE,
     ),
 }  # fmt: skip
@@ -121,7 +122,7 @@ def measured(rows: Sequence[str], base: Path, turns: int, work: Path) -> dict[st
 
 def _seconds(arguments: Sequence[str], build: Path, cache: Path, processor: bool) -> float:
     """Time of one run, in a folder of its own."""
-    environment = os.environ | {"PYTHONPATH": str(build), "JAX_COMPILATION_CACHE_DIR": str(cache)}
+    environment = with_build(build) | {"JAX_COMPILATION_CACHE_DIR": str(cache)}
     with tempfile.TemporaryDirectory() as folder:
         begin, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(

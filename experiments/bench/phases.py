@@ -17,13 +17,14 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from experiments.bench.clocks import Clocks
 
-__all__ = ["main", "profiled"]
+__all__ = ["main", "profiled", "with_build"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -34,12 +35,18 @@ def profiled(build: Path, command: str, options: list[str], environment: dict[st
         found = Path(folder) / "clocks.json"
         arguments = [__file__, "--inside", str(found), str(time.time()), command, *options]
         done = subprocess.run(
-            [sys.executable, *arguments], cwd=folder, env=environment | {"PYTHONPATH": str(build)},
+            [sys.executable, *arguments], cwd=folder, env=with_build(build, environment),
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, encoding="utf-8",
         )  # fmt: skip
         if not found.is_file():
             raise SystemExit(f"{command} {' '.join(options)}: {done.stderr.strip()}")
         return json.loads(found.read_text(encoding="utf-8"))
+
+
+def with_build(build: Path, environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+    """An environment in which a checkout is what is imported."""
+    paths = [str(build), *filter(None, [environment.get("PYTHONPATH")])]
+    return {**environment, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 def inside(found: Path, begun: float, command: str, options: list[str]) -> None:
@@ -48,7 +55,7 @@ def inside(found: Path, begun: float, command: str, options: list[str]) -> None:
 
     clocks = Clocks(begun)
     clocks.start()
-    sys.path[0] = os.environ["PYTHONPATH"]  # not the folder of this file
+    sys.path[0] = os.environ["PYTHONPATH"].split(os.pathsep)[0]  # not the folder of this file
     sys.argv = [f"qocjax.{command}", *options]
     try:
         runpy.run_module(f"qocjax.{command}", run_name="__main__", alter_sys=True)

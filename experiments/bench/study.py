@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.bench.baselines.work import DESIGN, Work
 from qocjax import Design, Scenario, paper_network
-from qocjax.batch.runner import draw_seeds
+from qocjax.batch.drawing import draw_seeds
 from qocjax.scenario import num_ticks
 
 __all__ = ["NETWORK", "SIZES", "Part", "Size", "Study", "drawn_designs", "make_study", "work_of"]

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
+from qocjax._kept import called
 from qocjax.network.contention import contended_times
 from qocjax.network.interface import Network, SharedNetwork
 
-__all__ = ["Chance", "draw_seeds", "loops_of"]
+__all__ = ["Chance", "draw_seeds", "drawn", "loops_of"]
 
 
 class Chance(NamedTuple):
@@ -23,13 +25,12 @@ class Chance(NamedTuple):
     keys: Array  # [S, 2] words of a random key, for controllers that draw
 
 
-@partial(jax.jit, static_argnames=("jitter", "network", "num_ticks", "tau"))
-def draw_seeds(
+def drawn(
     start: Array,
-    jitter: tuple[float, float],
-    network: Network,
     seeds: Array,
     key: int | Array,
+    jitter: tuple[float, float],
+    network: Network,
     num_ticks: int,
     tau: float,
 ) -> Chance:
@@ -37,10 +38,10 @@ def draw_seeds(
 
     Args:
         start: [N, 3] nominal start poses.
-        jitter: Standard deviation of position (m) and heading (rad) (model, section 1).
-        network: Where loop times come from.
         seeds: [S] whole numbers.
         key: Root of all random numbers.
+        jitter: Standard deviation of position (m) and heading (rad) (model, section 1).
+        network: Where loop times come from.
         num_ticks: P.
         tau: Sampling period (s).
 
@@ -58,6 +59,14 @@ def draw_seeds(
         return Chance(start + noise * spread[None, :], drawn, jax.random.key_data(jax.random.fold_in(of_seed, 2)))
 
     return jax.vmap(draw)(seeds)
+
+
+def draw_seeds(
+    start: Array, jitter: tuple[float, float], network: Network, seeds: ArrayLike, key: int, num_ticks: int, tau: float
+) -> Chance:
+    """What `drawn` draws, compiled."""
+    args = (start, np.asarray(seeds), np.int32(key))
+    return called(drawn, args, (jitter, network, num_ticks, tau))
 
 
 def loops_of(network: Network, drawn: Any, num_ticks: int, tau: float, deadline: float) -> Array:

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from qocjax._kept import program as kept_program
 from qocjax._math import EXACT, AngleMath, angle_math
 from qocjax._once import Once
 from qocjax._xla import compiled
-from qocjax.batch.drawing import Chance, draw_seeds
+from qocjax.batch.drawing import Chance, drawn
 from qocjax.batch.layout import Batch, Group
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
@@ -40,7 +41,7 @@ class Drawn(NamedTuple):
     keys: Array  # [1, S, 2] words of a random key, for controllers that draw
 
 
-_programs: Once[jax.stages.Compiled] = Once()  # of all evaluations of this process, each for one device
+_programs: Once[Callable[..., Any]] = Once()  # of all evaluations of this process, each for one device
 
 # What seeds drew, of all evaluations: a search asks for the same seeds again and again. Only sets of up to 4 MiB.
 _kept: Once[Drawn] = Once(capacity=16)
@@ -99,7 +100,7 @@ class Runner:
         leaves, structure = jax.tree.flatten(args)
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
         key = (self.measure, plan, structure, shapes, getattr(jax.config, "jax_default_device", None))
-        program = _programs.get(key, lambda: compiled(jax.jit(self.measure, static_argnums=4).lower(*args, plan)))
+        program = _programs.get(key, lambda: kept_program(self.measure, args, (plan,), compiled))
         return jax.tree.map(np.asarray, program(*args))
 
     def _checked(self, batch: Batch) -> Drawn:
@@ -134,11 +135,10 @@ class Runner:
         group, device = batch.group, getattr(jax.config, "jax_default_device", None)
         ticks, tau = draw_length(self.network, group.ticks, group.tau, general_length(group.ticks))
         network = source_of(self.network)
-        args = (self.start, self.scenario.start_jitter, network, self.seeds[batch.seeds], np.int32(self.key))
-        shapes = (*map(np.shape, args[::3]), self.start.dtype)
-        key = (network, *shapes, args[1], ticks, tau, device)
-        program = _programs.get(key, lambda: compiled(draw_seeds.lower(*args, ticks, tau)))
-        return program(self.start, self.seeds[batch.seeds], np.int32(self.key))
+        args, static = (self.start, self.seeds[batch.seeds], np.int32(self.key)), (self.scenario.start_jitter, network)
+        key = (*static, *map(np.shape, args[:2]), self.start.dtype, ticks, tau, device)
+        program = _programs.get(key, lambda: kept_program(drawn, args, (*static, ticks, tau), compiled))
+        return program(*args)
 
     def _loop_times(self, batch: Batch, chance: Chance) -> Any:
         """Loop times [S, P, N] s, at the deadline of the batch where they depend on it."""

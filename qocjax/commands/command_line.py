@@ -29,7 +29,7 @@ from qocjax.commands.quoting import quoted_options
 if TYPE_CHECKING:
     from qocjax.config.part import Part
 
-__all__ = ["Command", "given_options", "output_dir"]
+__all__ = ["Command", "given_options", "no_collection", "output_dir"]
 
 _LONGEST = 2000  # letters of an error
 
@@ -92,13 +92,15 @@ class Command:
     def _work(self, cfg: DictConfig) -> None:
         if cfg.get("nav2") is not None and "nav2" not in given_options():
             raise ValueError(f"nav2: got {cfg.nav2} from a configuration file, expected it on the command line")
-        _set_up_jax()
-        with _no_collection():
+        cache = _set_up_jax()
+        with no_collection():
+            from qocjax._kept import kept_in
             from qocjax.config.part import load  # with JAX, which composing does without
 
             load(self.model(), cfg)
             work = import_module(f"qocjax.commands.{self.name}")
-        work.main(cfg)
+        with kept_in(cache and cache / "traced"):
+            work.main(cfg)
 
 
 @contextmanager
@@ -132,12 +134,13 @@ def _compose_once() -> None:
 
 
 @contextmanager
-def _no_collection() -> Iterator[None]:
-    """Looks for no garbage while modules are imported: they make many objects, of which all stay."""
+def no_collection() -> Iterator[None]:
+    """Looks for no garbage while modules are imported, nor later in what they made: all of it stays."""
     gc.disable()
     try:
         yield
     finally:
+        gc.freeze()
         gc.enable()
 
 
@@ -198,8 +201,8 @@ def _first_given(*values: Any) -> Any:
     return next((value for value in values if value is not None), None)
 
 
-def _set_up_jax() -> None:
-    """Fast loops on CPUs, and compiled programs kept between runs in the user's cache folder."""
+def _set_up_jax() -> Path | None:
+    """Fast loops on CPUs, and compiled programs kept between runs in the user's cache folder, which is returned."""
     import jax
 
     from qocjax._xla import request_whole_loop
@@ -212,6 +215,8 @@ def _set_up_jax() -> None:
         except RuntimeError:  # a user without a home has no cache
             pass
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    folder = jax.config.jax_compilation_cache_dir
+    return Path(folder) if folder and "://" not in folder else None  # JAX takes buckets too
 
 
 def output_dir() -> Path:

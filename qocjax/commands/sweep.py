@@ -11,7 +11,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from qocjax._beside import process_beside
-from qocjax.commands.command_line import output_dir
+from qocjax.commands.command_line import no_collection, output_dir
 from qocjax.commands.resuming import resumed
 from qocjax.config import StudyConfig, load
 from qocjax.config.study import FREE
@@ -40,7 +40,8 @@ def run(config: StudyConfig, folder: Path | None = None, *, quiet: bool = False,
     room = config.build_map()
     several = beside and folder is not None and config.figures
     with process_beside("qocjax.figures.study") if several else nullcontext() as drawing:
-        from qocjax.commands.sweep_work import note, simulated, written  # takes as long as JAX: after what may refuse
+        with no_collection():  # takes as long as JAX: after what may refuse
+            from qocjax.commands.sweep_work import note, simulated, written
 
         for text in config.beyond():
             note(text)

@@ -74,9 +74,8 @@ def written(
         with ThreadPoolExecutor(1) as aside:  # most of a report is compiling what runs the replays
             reported = aside.submit(_write_report, study, problem, room, folder) if config.report else None
             if config.figures:
-                shown = jax.tree.map(np.asarray, representative_run(study, config, problem))
-                draw_study(*sound(study.results, study.policies), shown, folder / "figures", drawing,
-                           config.max_collision_share)  # fmt: skip
+                draw_study(*sound(study.results, study.policies), lambda: representative_run(study, config, problem),
+                           folder / "figures", drawing, config.max_collision_share)  # fmt: skip
             if reported is not None:
                 reported.result()
         _write_record(study, config, problem, digests, folder)
@@ -120,8 +119,9 @@ def representative_run(study: Study, config: StudyConfig, problem: Problem) -> R
     auc = runs["auc"].mean("robot").values
     seed = int(runs["seed"].values[np.argsort(auc)[len(auc) // 2]])
     setup = problem.setup_of(design)
-    return replay(setup.scenario, problem.numbers(design), setup.network, seed, rules=setup.rules, key=problem.key,
-                  controller=setup.controller)  # fmt: skip
+    run = replay(setup.scenario, problem.numbers(design), setup.network, seed, rules=setup.rules, key=problem.key,
+                 controller=setup.controller)  # fmt: skip
+    return jax.tree.map(np.asarray, run)
 
 
 def _baseline_row(results: pd.DataFrame, baseline: Design) -> int:

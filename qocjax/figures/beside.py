@@ -16,18 +16,19 @@ __all__ = ["Drawing", "draw_all"]
 Drawing = tuple[Callable[[], Figure], Path]
 
 
-def draw_all(drawings: Sequence[Drawing], pool: Executor | None = None) -> list[Path]:
+def draw_all(drawings: Sequence[Drawing], pool: Executor | None = None, last: Drawing | None = None) -> list[Path]:
     """Makes and saves figures: the pool from the first on, this process from the last, until they meet.
 
     Args:
         drawings: What to draw.
         pool: From `process_beside`; None draws all here. A pool that breaks costs time, no figure.
+        last: Drawn here, while the pool begins with the others: what is still to be worked out for it.
 
     Returns:
         The files in the order of the drawings, a PNG and a PDF of each.
     """
     sent: list[Future | None] = [pool.submit(_draw, each) if pool else None for each in drawings]
-    done: dict[int, list[Path]] = {}
+    done = {} if last is None else {len(drawings): _draw(last)}
     for k in reversed(range(len(drawings))):
         future = sent[k]
         if future is None or future.cancel():
@@ -38,7 +39,7 @@ def draw_all(drawings: Sequence[Drawing], pool: Executor | None = None) -> list[
                 done[k] = future.result()
             except BrokenExecutor:
                 done[k] = _draw(drawings[k])
-    return [path for k in range(len(drawings)) for path in done[k]]
+    return [path for k in sorted(done) for path in done[k]]
 
 
 def _draw(drawing: Drawing) -> list[Path]:

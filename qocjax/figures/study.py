@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ __all__ = ["draw_study"]
 def draw_study(
     results: pd.DataFrame,
     policies: pd.DataFrame,
-    run: RunLike,
+    run: Callable[[], RunLike],
     folder: Path,
     pool: Executor | None = None,
     limit: float | None = None,
@@ -39,7 +39,7 @@ def draw_study(
     Args:
         results: Table of the study.
         policies: Table of its policies.
-        run: A representative run.
+        run: Works out a representative run, while the pool draws.
         folder: Where the files go.
         pool: A process that helps, from `process_beside`.
         limit: Largest share of runs with a collision; None for none.
@@ -57,9 +57,9 @@ def draw_study(
         **{stem("qoc", [sweep]): partial(qoc_map, results, policies, sweep, limit=limit) for sweep in single},
         **{stem("qoc", axes_of(sweep)): partial(joint_map, results, policies, sweep)
            for sweep in sweeps if is_joint(sweep)},
-        "trajectories": partial(trajectories, run),
     }  # fmt: skip
-    return draw_all([(make, folder / name) for name, make in figures.items()], pool)
+    drawings = [(make, folder / name) for name, make in figures.items()]
+    return draw_all(drawings, pool, (lambda: trajectories(run()), folder / "trajectories"))
 
 
 def _stem(what: str, names: Sequence[str], every: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from qocjax._kept import program as kept_program
 from qocjax._once import Once
 from qocjax._xla import compiled
 from qocjax.network.interface import Contended, Network, SharedNetwork
 
 __all__ = ["contend", "contended_times", "draw_length", "source_of"]
 
-_programs: Once[jax.stages.Compiled] = Once()  # of this process, each for one device
+_programs: Once[Callable[..., Any]] = Once()  # of this process, each for one device
 
 
 def source_of(network: Network) -> Network:
@@ -54,7 +55,7 @@ def _run(program: Any, network: SharedNetwork, drawn: Any, num_ticks: int, tau: 
     leaves, structure = jax.tree.flatten(args)
     shapes = tuple((np.shape(leaf), leaf.dtype) for leaf in leaves)
     key = (program, kind, structure, shapes, getattr(jax.config, "jax_default_device", None))
-    return _programs.get(key, lambda: compiled(program.lower(kind, *args)))(*args)
+    return _programs.get(key, lambda: kept_program(program, args, (kind,), compiled))(*args)
 
 
 def _split(network: SharedNetwork) -> tuple[Any, list[np.ndarray]]:
@@ -66,12 +67,10 @@ def _split(network: SharedNetwork) -> tuple[Any, list[np.ndarray]]:
     return network, []
 
 
-@partial(jax.jit, static_argnames="kind")
-def _contended(kind: Any, numbers: list[Array], drawn: Any, num_ticks: Array, tau: Array, deadline: Array) -> Contended:
+def _contended(numbers: list[Array], drawn: Any, num_ticks: Array, tau: Array, deadline: Array, kind: Any) -> Contended:
     network = jax.tree.unflatten(kind, numbers) if isinstance(kind, jax.tree_util.PyTreeDef) else kind
     return network.contend(drawn, num_ticks, tau, deadline)
 
 
-@partial(jax.jit, static_argnames="kind")
-def _times(kind: Any, *args: Any) -> Array:
-    return _contended(kind, *args).loop_times
+def _times(*args: Any) -> Array:
+    return _contended(*args).loop_times

@@ -10,10 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from qocjax import _checks
+from qocjax._kept import called
+from qocjax._xla import as_written
 from qocjax.quality import QocScale, initial_norm
 from qocjax.reference import reference_origin, reference_path
 from qocjax.scenario import Design, Scenario
@@ -52,14 +56,21 @@ class StudyScale(QocScale):
 
 def standing_still(scenario: Scenario) -> float:
     """AUC (s) of robots that stay at their nominal start, the largest of them."""
-    start = jnp.asarray(scenario.start, jnp.result_type(float))
-    goal = jnp.broadcast_to(jnp.asarray(scenario.goal, start.dtype), (scenario.num_robots, 2))
-    time = jnp.linspace(0.0, scenario.horizon, _STEPS + 1)
-    x, y = (np.asarray(part, np.float64) for part in reference_path(time, start, goal, scenario, Design()))
+    placed = jax.tree.map(np.asarray, scenario)
+    time, path, norm = called(_way_past, (placed,), (float(scenario.horizon),), as_written)
+    x, y = (np.asarray(part, np.float64) for part in path)
     weights, place = np.asarray(scenario.weights, np.float64), np.asarray(scenario.start, np.float64)
     apart = weights[0] * (place[:, 0] - x) ** 2 + weights[1] * (place[:, 1] - y) ** 2
-    norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))
     return float((np.trapezoid(apart, np.asarray(time), axis=0) / np.asarray(norm)).max())
+
+
+def _way_past(scenario: Scenario, horizon: float) -> tuple[Array, tuple[Array, Array], Array]:
+    """Times, the reference then, and what its distance from robots that stand still is relative to."""
+    start = jnp.asarray(scenario.start, jnp.result_type(float))
+    goal = jnp.broadcast_to(jnp.asarray(scenario.goal, start.dtype), (scenario.num_robots, 2))
+    time = jnp.linspace(0.0, horizon, _STEPS + 1)
+    norm = initial_norm(scenario, start, goal, reference_origin(start, scenario.reference_per_robot))
+    return time, reference_path(time, start, goal, scenario, Design()), norm
 
 
 def scale_text(scale: QocScale, of: str, columns: bool = False) -> str:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from qocjax._kept import called
 from qocjax.batch.drawing import draw_seeds, loops_of
 from qocjax.controllers import Controller
 from qocjax.network.contention import draw_length
@@ -71,19 +72,33 @@ def replays(
         return [jax.tree.map(np.asarray, replay(scenario, each, network, seed, **options)) for each in designs]
     ticks = [num_ticks(scenario.horizon, float(np.asarray(design.tau))) for design in designs]
     start, lanes, words = _draw(scenario, network, seed, key, designs, ticks)
+    values = [design.values() for design in designs]
+    stacked = Design.of({name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
     placed = replace(scenario, start=start)
+    runs = jax.tree.map(
+        np.asarray, called(_together, (stacked, jnp.asarray(lanes), placed, words), (rules, controller))
+    )
+    return [_cut(jax.tree.map(lambda a, k=k: a[k], runs), count) for k, count in enumerate(ticks)]
 
-    def one(design: Design, loop_times: jax.Array) -> Run:
+
+def _together(
+    designs: Design,
+    loop_times: jax.Array,
+    scenario: Scenario,
+    words: jax.Array,
+    rules: Rules,
+    controller: Controller | None,
+) -> Run:
+    """Runs of several designs, each field with them in front."""
+
+    def one(design: Design, times: jax.Array) -> Run:
         return simulate(
-            placed, design, loop_times, rules.actuation, rules.hold, hold_timeout=rules.hold_timeout,
+            scenario, design, times, rules.actuation, rules.hold, hold_timeout=rules.hold_timeout,
             hold_decay=rules.hold_decay, plan_length=rules.plan_length, controller=controller,
             key=jax.random.wrap_key_data(words),
         )  # fmt: skip
 
-    values = [design.values() for design in designs]
-    stacked = Design.of({name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
-    runs = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(stacked, jnp.asarray(lanes)))
-    return [_cut(jax.tree.map(lambda a, k=k: a[k], runs), count) for k, count in enumerate(ticks)]
+    return jax.vmap(one)(designs, loop_times)
 
 
 def policy_runs(study: Study, problem: Problem) -> list[PolicyRun]:
