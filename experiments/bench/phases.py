@@ -2,6 +2,7 @@
 
     python experiments/bench/phases.py sweep                    # the main job
     python experiments/bench/phases.py --build ../other sweep experiment=ci
+    python experiments/bench/phases.py --label 0.1.0 sweep      # and into results/phases.csv, in place of that label's
 
 Runs the command once with clocks around its parts and prints a table: the time that each thread spends in a part and in
 none that is called from it. With an empty cache of compiled programs (--cold) or as it is.
@@ -24,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from experiments.bench.clocks import Clocks
 
-__all__ = ["main", "profiled", "with_build"]
+__all__ = ["main", "profiled", "with_build", "write"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,6 +85,21 @@ def printed(record: dict) -> str:
             f"{record['other_processes_s']:.1f} s.")  # fmt: skip
 
 
+def write(path: Path, label: str, command: str, record: dict) -> None:
+    """Puts a profile into the table of all, in place of one of the same label and command."""
+    import pandas as pd
+
+    programs = {f"programs {name}": {"main": count} for name, count in record["programs"].items()}
+    cores = {name: {"main": record[name]} for name in ("wall_s", "processor_s", "other_processes_s")}
+    rows = [
+        {"build": label, "command": command, "part": part, "main": times.get("main"), "others": times.get("others")}
+        for part, times in (record["parts"] | cores | programs).items()
+    ]
+    old = pd.read_csv(path) if path.is_file() else pd.DataFrame(columns=list(rows[0]))
+    kept = old[(old["build"] != label) | (old["command"] != command)]
+    pd.DataFrame([*kept.to_dict("records"), *rows]).to_csv(path, index=False, float_format="%.3g")
+
+
 def main() -> None:
     """Command line."""
     if sys.argv[1:2] == ["--inside"]:
@@ -92,12 +108,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--build", type=Path, default=ROOT, help="checkout whose command runs")
     parser.add_argument("--cold", action="store_true", help="with an empty cache of compiled programs")
+    parser.add_argument("--label", help="of the build, in results/phases.csv")
     parser.add_argument("command", help="sweep, advise, ...")
     parser.add_argument("options", nargs="*")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as cache:
         environment = dict(os.environ) | ({"JAX_COMPILATION_CACHE_DIR": cache} if given.cold else {})
-        print(printed(profiled(given.build.resolve(), given.command, given.options, environment)))
+        record = profiled(given.build.resolve(), given.command, given.options, environment)
+    print(printed(record))
+    if given.label:
+        command = " ".join([given.command, *("cold" for _ in range(given.cold)), *given.options])
+        write(Path(__file__).parent / "results" / "phases.csv", given.label, command, record)
 
 
 if __name__ == "__main__":
