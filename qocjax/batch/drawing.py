@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from qocjax import _draws
 from qocjax._kept import called
 from qocjax.network.contention import contended_times
 from qocjax.network.interface import Network, SharedNetwork
@@ -54,7 +55,7 @@ def drawn(
     def draw(seed: Array) -> Chance:
         of_seed = jax.random.fold_in(root, seed)
         of_start, of_network = jax.random.split(of_seed)
-        noise = jax.random.normal(of_start, start.shape, start.dtype)
+        noise = _draws.normal(of_start, start.shape)
         drawn = network.draw(of_network, num_ticks, start.shape[0], tau)
         return Chance(start + noise * spread[None, :], drawn, jax.random.key_data(jax.random.fold_in(of_seed, 2)))
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
+from qocjax import _draws
 from qocjax.network._fields import delay_array, no_nan
 
 __all__ = ["Empirical", "QuantileTable"]
@@ -38,7 +38,7 @@ class Empirical:
     def sample(self, key: Array, shape: tuple[int, ...]) -> Array:
         """Draws independent delays (s), inf for a lost message."""
         pool = jnp.asarray(self.samples, jnp.result_type(float))
-        return pool[jax.random.randint(key, shape, 0, pool.size)]
+        return pool[_draws.whole(key, pool.size, shape)]
 
     def cdf(self, delay: Any) -> np.ndarray:
         """Returns the share of the samples that are at most `delay` (s); lost messages never are."""
@@ -90,7 +90,7 @@ class QuantileTable:
     def sample(self, key: Array, shape: tuple[int, ...]) -> Array:
         """Draws independent delays (s), by the inverse of the CDF."""
         dtype = jnp.result_type(float)
-        level = jax.random.uniform(key, shape, dtype)
+        level = _draws.uniform(key, shape)
         return jnp.interp(level, jnp.asarray(self.probability, dtype), jnp.asarray(self.delay, dtype))
 
     def cdf(self, delay: Any) -> np.ndarray:

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from qocjax import _draws
 from qocjax.network._fields import plain, store_float
 
 __all__ = ["GilbertElliott", "IndependentLoss"]
@@ -27,7 +28,7 @@ class IndependentLoss:
         """Draws which messages are lost: booleans [P, N]."""
         if self.probability == 0.0:
             return jnp.zeros((num_ticks, num_robots), bool)
-        return jax.random.bernoulli(key, self.probability, (num_ticks, num_robots))
+        return _draws.bernoulli(key, self.probability, (num_ticks, num_robots))
 
     def chance(self, key: Array, num_ticks: int, num_robots: int) -> Array:
         """Returns the loss probability of whatever is sent within each sampling period, [P, N]."""
@@ -69,15 +70,15 @@ class GilbertElliott:
 
     def sample(self, key: Array, num_ticks: int, num_robots: int) -> Array:
         """Draws which messages are lost: booleans [P, N], correlated along the ticks."""
-        levels = jax.random.uniform(jax.random.split(key, 3)[2], (num_ticks, num_robots), jnp.result_type(float))
+        levels = _draws.uniform(jax.random.split(key, 3)[2], (num_ticks, num_robots))
         return levels < self.chance(key, num_ticks, num_robots)
 
     def chance(self, key: Array, num_ticks: int, num_robots: int) -> Array:
         """Draws the state of the channel, as the loss probability of whatever is sent within each period, [P, N]."""
         of_start, of_steps, _ = jax.random.split(key, 3)
         dtype = jnp.result_type(float)
-        steps = jax.random.uniform(of_steps, (num_ticks, num_robots), dtype)
-        start = jax.random.bernoulli(of_start, self.bad_share, (num_robots,))
+        steps = _draws.uniform(of_steps, (num_ticks, num_robots))
+        start = _draws.bernoulli(of_start, self.bad_share, (num_robots,))
 
         def step(bad: Array, level: Array) -> tuple[Array, Array]:
             then = jnp.where(bad, level >= self.p_bad_to_good, level < self.p_good_to_bad)

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from qocjax import _draws
 from qocjax._lazy import special
 from qocjax.network._fields import plain, store_float
 
@@ -80,7 +80,7 @@ class TruncatedNormal:
 
     def sample(self, key: Array, shape: tuple[int, ...]) -> Array:
         """Draws independent delays in s."""
-        unit = jax.random.truncated_normal(key, *self._bounds, shape, jnp.result_type(float))
+        unit = _draws.truncated_normal(key, *self._bounds, shape)
         return jnp.clip(self.mean + self.std * unit, self.low, self.high)  # rounding may step over a bound
 
     def cdf(self, delay: Any) -> np.ndarray:
@@ -113,7 +113,7 @@ class ShiftedGamma:
 
     def sample(self, key: Array, shape: tuple[int, ...]) -> Array:
         """Draws independent delays in s."""
-        return self.shift + self.scale * jax.random.gamma(key, self.shape, shape, jnp.result_type(float))
+        return self.shift + self.scale * _draws.gamma(key, self.shape, shape)
 
     def cdf(self, delay: Any) -> np.ndarray:
         """Returns the CDF at `delay` (s)."""
@@ -144,7 +144,7 @@ class ShiftedLogNormal:
 
     def sample(self, key: Array, shape: tuple[int, ...]) -> Array:
         """Draws independent delays in s."""
-        return self.shift + self.median * jnp.exp(self.sigma * jax.random.normal(key, shape, jnp.result_type(float)))
+        return self.shift + self.median * jnp.exp(self.sigma * _draws.normal(key, shape))
 
     def cdf(self, delay: Any) -> np.ndarray:
         """Returns the CDF at `delay` (s)."""

@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike
 
+from qocjax import _draws
 from qocjax.network._fields import delay_array, no_nan, store_float
 from qocjax.network.completion import latest
 from qocjax.network.correlation import correlation_rows
@@ -76,7 +77,7 @@ class Trace:
         place = jnp.searchsorted(edges, row, side="right") - 1
         begin, size = edges[place], edges[place + 1] - edges[place]
         part = jnp.maximum(size // num_robots, 1)
-        apart = jnp.arange(num_robots) * part + jax.random.randint(of_robots, (num_robots,), 0, part)
+        apart = jnp.arange(num_robots) * part + _draws.whole(of_robots, part, (num_robots,))
         start = begin + (row - begin + apart) % size
         return rows[((steps % rows.size)[:, None] + start[None, :]) % rows.size]
 
@@ -131,7 +132,7 @@ class Trace:
 
     def _row(self, key: Array) -> Array:
         """The row that decides a seed's stretch."""
-        return jax.random.randint(jax.random.split(key)[0], (), 0, np.size(self.delays))
+        return _draws.whole(jax.random.split(key)[0], np.size(self.delays))
 
     def _steps(self, num_ticks: int, tau: float) -> np.ndarray:
         """Rows between the start and each tick, [P]."""

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from qocjax import _checks
+from qocjax import _checks, _draws
 from qocjax.plants import pieces
 from qocjax.plants.driven import Instant, Move, Plant
 
@@ -103,7 +103,7 @@ def prepared(k: Array, found: pieces.Piece, warm_up: int | Array) -> Plant[Linea
             z = jnp.concatenate([state.x, command])
             added = jnp.sum(z * (piece.cost @ z), axis=0) + piece.drift
             # Each piece asks for the draws of the whole period and takes its own: equal calls compile to one.
-            noise = jax.random.normal(when.key, (count, *state.x.shape), state.x.dtype)[at]
+            noise = _draws.normal(when.key, (count, *state.x.shape)).astype(state.x.dtype)[at]
             cost = state.cost + jnp.where(when.tick >= warm_up, added, 0.0)
             return LinearState(piece.motion @ z + piece.noise @ noise, cost)
 

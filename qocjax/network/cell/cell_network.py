@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from qocjax import _checks
+from qocjax import _checks, _draws
 from qocjax.network._fields import plain, store_float
 from qocjax.network.cell.air import through_air
 from qocjax.network.cell.direction import Access, Direction
@@ -108,7 +108,7 @@ class CellNetwork:
         shape, seconds = (num_ticks, num_robots), num_ticks * tau
         return Chances(
             self.compute.sample(of_compute, shape),
-            jax.random.uniform(of_request, shape),
+            _draws.uniform(of_request, shape),
             self.uplink.draw(of_up, shape, self.frame, seconds),
             self.downlink.draw(of_down, shape, self.frame, seconds),
         )

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from qocjax import _draws
 from qocjax.network._fields import store_float
 from qocjax.network.cell.frame import Frame
 from qocjax.network.cell.traffic import OtherTraffic
@@ -52,8 +53,7 @@ class Direction:
         of_failures, of_bursts = jax.random.split(key)
         failures = jnp.zeros(shape)
         if self.bler > 0.0:  # geometric: one more failure each time that a uniform number lies below the next power
-            least = float(jnp.finfo(failures.dtype).tiny)
-            uniform = jax.random.uniform(of_failures, shape, minval=least)
+            uniform = _draws.uniform(of_failures, shape, float(jnp.finfo(jnp.float32).tiny))
             failures = jnp.floor(jnp.log(uniform) / jnp.log(self.bler)) if self.bler < 1.0 else jnp.full(shape, jnp.inf)
         return failures, self.other.draw(of_bursts, frame, seconds)
 

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from qocjax import _draws
 from qocjax.network._fields import plain, store_float
 from qocjax.network.cell.frame import Frame
 
@@ -60,8 +61,8 @@ class OtherTraffic:
         rounds = seconds / (self.burst_length + pause)
         pairs = math.ceil(rounds + 6.0 * math.sqrt(rounds)) + 10
         of_state, of_length = jax.random.split(key)
-        begins_on = jax.random.bernoulli(of_state, self.burst_time).astype(jnp.int32)
-        lengths = jax.random.exponential(of_length, (2 * pairs,))
+        begins_on = _draws.bernoulli(of_state, self.burst_time).astype(jnp.int32)
+        lengths = _draws.exponential(of_length, (2 * pairs,))
         on = (jnp.arange(2 * pairs) + begins_on) % 2 == 1
         changes = jnp.cumsum(lengths * jnp.where(on, self.burst_length, pause))
         pattern = len(frame.pattern)  # what comes round again keeps the direction of its slots

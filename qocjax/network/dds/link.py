@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from qocjax import _draws
 from qocjax.network.interface import DelayLaw
 from qocjax.network.loop_network import Leg
 
@@ -77,7 +78,7 @@ def message_fates(
     def draw(law: DelayLaw, key: Array, alone: int) -> Fates:
         of_delay, of_level = jax.random.split(key)
         shape = (num_ticks + alone + _CYCLE * (PACKETS + 1), num_robots)
-        return Fates(law.sample(of_delay, shape), jax.random.uniform(of_level, shape, jnp.result_type(float)))
+        return Fates(law.sample(of_delay, shape), _draws.uniform(of_level, shape))
 
     if laws[0] == laws[1] and heartbeats[0] == heartbeats[1]:
         both = jax.vmap(lambda key: draw(laws[0], key, heartbeats[0]))(keys)
