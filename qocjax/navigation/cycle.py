@@ -128,7 +128,11 @@ def _cost(stack: StackParts, obstacles: Obstacles, dtype: jnp.dtype) -> Array:
     discs = obstacles.x.shape[-1]
     if reach is None or discs * (2 * reach + 1) ** 2 >= math.prod(grid.shape):
         return _layers(stack, obstacles, dtype).total().astype(dtype)
-    return patched(jnp.asarray(stack.closed, dtype), grid, _static(stack, dtype), obstacles, stack.inflation, reach)
+    # Costs are whole numbers up to 255: as bytes they take a quarter of the program's memory.
+    bytes_ = tuple(jnp.asarray(each, jnp.uint8) for each in (stack.closed, stack.static.cost))
+    alone, cost = lax.optimization_barrier(bytes_)
+    static = StaticLayer(cost, jnp.asarray(stack.static.distance, dtype))
+    return patched(alone.astype(dtype), grid, static, obstacles, stack.inflation, reach)
 
 
 def _static(stack: StackParts, dtype: jnp.dtype) -> StaticLayer:

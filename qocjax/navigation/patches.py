@@ -36,7 +36,7 @@ def patched(
                     for low, cells, side in zip(lower, grid.shape, shape, strict=True))  # fmt: skip
         part = StaticLayer(*(lax.dynamic_slice(each, (row, col), shape) for each in static))
         here = (lax.dynamic_slice_in_dim(x, col, shape[1], 1), lax.dynamic_slice_in_dim(y, row, shape[0], 0))
-        part, here = lax.optimization_barrier((part, here))
+        part, here = lax.optimization_barrier((part._replace(cost=part.cost.astype(total.dtype)), here))
         cost = lax.optimization_barrier(layers_at(here, grid.resolution, part, obstacles, inflation).total())
         return lax.dynamic_update_slice(total, cost.astype(total.dtype), (row, col)), None
 
