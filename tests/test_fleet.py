@@ -427,7 +427,7 @@ BAD_INPUT = {
 }
 ONE_BY_ONE = """
 import contextlib, io, json, sys
-import qocjax.study.sweep, qocjax.fleet
+import qocjax.commands.fleet, qocjax.fleet
 def compiles(*_, **__): raise SystemExit("went on")
 qocjax.commands.fleet.study_of = compiles
 for options in json.loads(sys.argv[1]):

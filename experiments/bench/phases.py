@@ -110,7 +110,7 @@ def main() -> None:
     parser.add_argument("--cold", action="store_true", help="with an empty cache of compiled programs")
     parser.add_argument("--label", help="of the build, in results/phases.csv")
     parser.add_argument("command", help="sweep, advise, ...")
-    parser.add_argument("options", nargs="*")
+    parser.add_argument("options", nargs=argparse.REMAINDER)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as cache:
         environment = dict(os.environ) | ({"JAX_COMPILATION_CACHE_DIR": cache} if given.cold else {})
