@@ -3,9 +3,9 @@
     python experiments/bench/builds.py <checkout of another build> [--turns 9]
 
 `evaluate` with one design and 32 seeds (what a newcomer tries first), the same seeds each time or others, and with the
-study of the paper (41 designs, 32 seeds, 36 deadlines), on the grid of the sampling period and off it; the C++ kernels
-of this checkout between them. Each in a process of its own. Prints nanoseconds per robot-step, the median of the turns,
-with ratios to the other build and to the C++ kernels; keeps experiments/bench/results/builds.csv.
+paper's study (41 designs, 32 seeds, 36 deadlines), on the grid of the sampling period and off it; the C++ kernels,
+which are this checkout's, between them. Each in a process of its own. Prints nanoseconds per robot-step, the median of
+the turns, with ratios to the other build and to the C++ kernels; keeps experiments/bench/results/builds.csv.
 """
 
 from __future__ import annotations
