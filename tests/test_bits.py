@@ -1,0 +1,55 @@
+"""What is promised of equal bits: any number of cores, subsets of seeds. (Width: test_draws; engines: test_cluster.)"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from qocjax import Design, Scenario, evaluate, paper_network
+
+ROOT = Path(__file__).parents[1]
+SWEEP = [
+    "sweep=kappa", "sweep.grids.kappa=[1.0,2.0]", "loop.tau=0.02", "sweep.deadline_ms=[0,110,200,455]",
+    "sweep.seeds=40", "sweep.evaluation_seeds=20", "scenario.horizon=6", "figures=false", "report=false",
+]  # fmt: skip
+
+
+def tables_on(cores: int, folder: Path) -> dict[str, bytes]:
+    """Tables of a small study that runs on some cores alone."""
+    command = (
+        "import os, sys\n"
+        f"os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:{cores}])\n"
+        f"sys.argv = ['sweep', *{SWEEP!r}, 'hydra.run.dir={folder}']\n"
+        "from qocjax.sweep import main\nmain()\n"
+    )
+    environment = dict(os.environ, JAX_COMPILATION_CACHE_DIR=str(folder / "cache"), PYTHONPATH=str(ROOT))
+    done = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return {name: (folder / name).read_bytes() for name in ("results.csv", "policies.csv")}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity") or len(os.sched_getaffinity(0)) < 2, reason="one core")
+def test_one_core_and_two_give_the_same_bits(tmp_path: Path) -> None:
+    one, two = (tables_on(cores, tmp_path / f"on_{cores}") for cores in (1, 2))
+    assert one == two and len(one["results.csv"].splitlines()) == 9
+
+
+def test_a_seed_is_the_same_whichever_others_are_evaluated() -> None:
+    """Its start and loop times to the bit, its metrics up to rounding: a batch of another shape is another program."""
+    with jax.enable_x64(False):
+        designs = Design(tau=0.02, deadline=[0.1, 0.2, 0.213])
+        few, many, alone = (
+            evaluate(Scenario(horizon=4.0), designs, paper_network(), seeds) for seeds in (range(5), range(64), [3])
+        )
+    for name in ("completed_share", "age_peak"):  # follow from the loop times alone
+        np.testing.assert_array_equal(few[name], many[name].sel(seed=range(5)))
+    for name in ("auc", "path_length", "effort", "age_mean"):
+        np.testing.assert_allclose(few[name], many[name].sel(seed=range(5)), rtol=2e-4)
+        np.testing.assert_allclose(alone[name], many[name].sel(seed=[3]), rtol=2e-4)
