@@ -31,7 +31,7 @@ UNIT = re.compile(r"(s|m|ms|rad|1/s|1/m|m/s|rad/s)?")
 
 @pytest.fixture(autouse=True)
 def _composer() -> Iterator[None]:
-    add_resolver("first_given", lambda *given: None)
+    add_resolver("own_folder", lambda *given: None)
     with initialize_config_dir(str(conf_dir()), version_base="1.3"):
         yield
 

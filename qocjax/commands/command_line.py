@@ -24,6 +24,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from qocjax._conf import add_resolver, conf_dir, hydra_base
 from qocjax.commands.help import register_help
+from qocjax.commands.own_folder import own_folder
 from qocjax.commands.quoting import quoted_options
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Command:
 
     def __call__(self) -> None:
         """Runs what the program's arguments ask; an error ends it with one line."""
-        add_resolver("first_given", _first_given)
+        add_resolver("own_folder", own_folder)
         register_help()
         warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
         arguments = _of_target(_expanded(self.rewrite(sys.argv[1:]), self.short))
@@ -95,11 +96,12 @@ class Command:
         cache = _set_up_jax()
         with no_collection():
             from qocjax._kept import kept_in
+            from qocjax.commands.claimed import claimed
             from qocjax.config.part import load  # with JAX, which composing does without
 
             load(self.model(), cfg)
             work = import_module(f"qocjax.commands.{self.name}")
-        with kept_in(cache and cache / "traced"):
+        with kept_in(cache and cache / "traced"), claimed(output_dir(), self.name):
             work.main(cfg)
 
 
@@ -194,11 +196,6 @@ def _unforeseen(error: Exception) -> ValueError:
     at = traceback.extract_tb(error.__traceback__)[-1]
     said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return ValueError(f"{said} ({at.filename}, line {at.lineno}); QOCJAX_TRACEBACK=1 shows the traceback, to report it")
-
-
-def _first_given(*values: Any) -> Any:
-    """The first value that is not null, for interpolations."""
-    return next((value for value in values if value is not None), None)
 
 
 def _set_up_jax() -> Path | None:

@@ -13,18 +13,24 @@ from typing import IO
 __all__ = ["locked"]
 
 _NAME = ".lock"
+_held: set[Path] = set()  # by this process
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Holds a folder; the system lets go of it when the process ends, however it ends.
 
-    The file stays, with who held it last: removing it would let two processes hold files of one name.
+    The file stays, with who held it last: removing it would let two processes hold files of one name. Who holds it
+    already may hold it again.
 
     Raises:
         ValueError: Another process holds it; the message says which.
         OSError: The folder cannot be written.
     """
+    place = folder.resolve()
+    if place in _held:
+        yield
+        return
     with open(folder / _NAME, "a+", encoding="utf-8") as file:
         try:
             _take(file)
@@ -35,7 +41,11 @@ def locked(folder: Path) -> Iterator[None]:
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
         file.flush()
-        yield
+        _held.add(place)
+        try:
+            yield
+        finally:
+            _held.discard(place)
 
 
 if sys.platform == "win32":

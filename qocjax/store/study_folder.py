@@ -18,7 +18,17 @@ from qocjax.store.files import write_json
 from qocjax.store.identity import differences
 from qocjax.store.lock import locked
 
-__all__ = ["CHUNKS", "RECORD", "STUDY", "ChunkFolder", "read_identity", "read_record", "study_folder", "written_by"]
+__all__ = [
+    "CHUNKS",
+    "RECORD",
+    "STUDY",
+    "ChunkFolder",
+    "command_of",
+    "read_identity",
+    "read_record",
+    "study_folder",
+    "written_by",
+]
 
 STUDY = "study.json"  # what the folder belongs to, written before anything is computed
 CHUNKS = "chunks"
@@ -156,14 +166,26 @@ def written_by(folder: Path) -> str | None:
     Raises:
         ValueError: It holds the folders of several runs.
     """
+    found = command_of(folder)
+    return None if found == "sweep" else found
+
+
+def command_of(folder: Path) -> str | None:
+    """Which command wrote a folder; None for what is not known.
+
+    Raises:
+        ValueError: It holds the folders of several runs.
+    """
     if (folder / "multirun.yaml").is_file():
         raise ValueError(f"{folder}: got several runs, each in a folder of its own inside, expected one of them")
     try:
         options = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError):
         return None
-    found = [command for option, command in _OTHERS.items() if isinstance(options, dict) and option in options]
-    return found[0] if found else None
+    if not isinstance(options, dict):
+        return None
+    found = [command for option, command in _OTHERS.items() if option in options]
+    return found[0] if found else "sweep" if "sweep" in options else None
 
 
 def _begin(folder: Path, identity: dict[str, Any], data: str) -> None:

@@ -1,0 +1,62 @@
+"""A run's folder while it runs: nobody else's, and without what an earlier run left."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from qocjax.store.lock import locked
+from qocjax.store.study_folder import command_of
+
+__all__ = ["claimed"]
+
+_WRITTEN = ".written.json"  # names of what the last run wrote, so that the next one knows what is stale
+# What a process that was killed had under way.
+_HALF_WRITTEN = re.compile(r"\..+(\.[0-9a-f]{32}|-[a-z0-9_]{8})\.(png|pdf|csv|parquet|json|yaml|html)")
+_KEEPING = ("sweep", "fleet")  # go on with what is there
+
+
+@contextmanager
+def claimed(folder: Path, command: str) -> Iterator[None]:
+    """Holds a folder for a run of a command; what an earlier one left half written, or wrote and this one does not, goes.
+
+    Raises:
+        ValueError: Another process works there, or another command's results are there.
+        OSError: The folder cannot be written.
+    """
+    with locked(folder):
+        other = command_of(folder)
+        if other not in (None, command):
+            raise ValueError(f"hydra.run.dir: got {folder}, with results of python -m qocjax.{other}, expected "
+                             "a folder of its own")  # fmt: skip
+        for path in folder.rglob(".*"):
+            if _HALF_WRITTEN.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+        if command in _KEEPING:
+            yield
+            return
+        told, before = _read(folder / _WRITTEN), _files(folder)
+        yield
+        after = _files(folder)
+        fresh = [name for name, changed in after.items() if before.get(name) != changed]
+        for name in set(told) - set(fresh):
+            (folder / name).unlink(missing_ok=True)
+        (folder / _WRITTEN).write_text(json.dumps(sorted(fresh)), encoding="utf-8")
+
+
+def _files(folder: Path) -> dict[str, int]:
+    """When each file was last changed, by its name in the folder."""
+    found = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in found}
+
+
+def _read(path: Path) -> list[str]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    names = found if isinstance(found, list) else []
+    return [name for name in names if isinstance(name, str) and not Path(name).is_absolute() and ".." not in name]
