@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -351,9 +352,9 @@ def test_two_processes_in_one_folder(tmp_path: Path) -> None:
             pass
         other.kill()  # -9
         other.wait()
-        with locked(tmp_path), pytest.raises(ValueError, match=f"in use by process {os.getpid()} on "):
-            with locked(tmp_path):
-                pass
+        with locked(tmp_path), locked(tmp_path), ThreadPoolExecutor(1) as beside:  # a part of it, and another one
+            with pytest.raises(ValueError, match=f"in use by process {os.getpid()} on "):
+                beside.submit(lambda: locked(tmp_path).__enter__()).result()
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EDQUOT])

@@ -21,7 +21,9 @@ _KEEPING = ("sweep", "fleet")  # go on with what is there
 
 @contextmanager
 def claimed(folder: Path, command: str) -> Iterator[None]:
-    """Holds a folder for a run of a command; what an earlier one left half written, or wrote and this one does not, goes.
+    """Holds a folder for a run of a command.
+
+    What an earlier run left half written goes, and in the end what one of the same command wrote and this one did not.
 
     Raises:
         ValueError: Another process works there, or another command's results are there.

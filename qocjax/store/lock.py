@@ -7,28 +7,29 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import IO
 
 __all__ = ["locked"]
 
 _NAME = ".lock"
-_held: set[Path] = set()  # by this process
+_held: ContextVar[frozenset[Path]] = ContextVar("held", default=frozenset())  # by whoever runs here
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Holds a folder; the system lets go of it when the process ends, however it ends.
 
-    The file stays, with who held it last: removing it would let two processes hold files of one name. Who holds it
-    already may hold it again.
+    The file stays, with who held it last: removing it would let two processes hold files of one name. A part of what
+    holds it may hold it too.
 
     Raises:
         ValueError: Another process holds it; the message says which.
         OSError: The folder cannot be written.
     """
     place = folder.resolve()
-    if place in _held:
+    if place in _held.get():
         yield
         return
     with open(folder / _NAME, "a+", encoding="utf-8") as file:
@@ -41,11 +42,11 @@ def locked(folder: Path) -> Iterator[None]:
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
         file.flush()
-        _held.add(place)
+        before = _held.set(_held.get() | {place})
         try:
             yield
         finally:
-            _held.discard(place)
+            _held.reset(before)
 
 
 if sys.platform == "win32":
