@@ -93,12 +93,13 @@ def _found(scene: str, config: CodesignConfig) -> Design:
 
 
 def _defaults(problem: Problem, axis: list[float]) -> Design:
-    """Nav2's defaults at the deadline that is best for them among those whose collisions keep the limit."""
+    """Nav2's defaults at the deadline of their best QoC, among those whose collisions keep the limit if any does."""
     designs = problem.space.baseline.having({"deadline": np.array(axis)})
     designs = designs.at(np.arange(len(axis)))
     scores, collided = problem.simulate(designs, range(FIRST["sweep"], FIRST["sweep"] + CHOOSING))
-    fitness = problem.fitness(scores, problem.excess(designs, collided, cautious=True))
-    return designs.at([int(np.argmax(fitness))])
+    kept = problem.excess(designs, collided, cautious=True) == 0
+    qoc = problem.measure(scores)
+    return designs.at([int(np.argmax(np.where(kept | ~kept.any(), qoc, -np.inf)))])
 
 
 def _judged(problem: Problem, tuned: Design, defaults: Design) -> pd.DataFrame:

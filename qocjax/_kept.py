@@ -26,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from qocjax._once import Once
+from qocjax._source import source_digest
 from qocjax._told import UntoldError, told
 
 __all__ = ["called", "kept_in", "program"]
@@ -112,14 +113,8 @@ def _path(function: Callable, args: tuple, static: tuple) -> Path:
 def _made_with() -> bytes:
     """Digest of the package with all its files, the versions of what traces, and the device."""
     device = jax.devices()[0]
-    versions = jax.__version__, np.__version__, platform.python_version(), device.platform
-    digest = hashlib.blake2b(repr(versions).encode())
-    home = Path(__file__).parent
-    for path in sorted(home.rglob("*")):
-        if path.is_file() and path.suffix != ".pyc":
-            digest.update(f"{path.relative_to(home)}:{path.stat().st_size}:".encode())
-            digest.update(path.read_bytes())
-    return digest.digest()
+    versions = jax.__version__, np.__version__, platform.python_version(), device.platform, source_digest()
+    return hashlib.blake2b(repr(versions).encode()).digest()
 
 
 def _exported(jitted: Any, args: tuple, static: tuple) -> tuple[jax.export.Exported, Any]:

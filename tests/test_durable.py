@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -42,6 +43,7 @@ from qocjax.store.files import written
 from qocjax.store.identity import content_digest, differences
 from qocjax.store.lock import locked
 from qocjax.store.memory import InMemory
+from qocjax.store.owner import owner_of
 from qocjax.store.provenance import change_of
 from qocjax.store.study_folder import ChunkFolder, study_folder
 from qocjax.study.chunks import Chunk, Failure, Part, Result, compute, plan
@@ -336,6 +338,38 @@ def test_half_written_files_of_a_killed_process_are_removed(tmp_path: Path) -> N
     left.write_bytes(b"half")
     with study_folder(tmp_path, {}, ""):
         assert not left.exists()
+
+
+def test_chunks_of_others_are_computed_again(undisturbed: Study, tmp_path: Path) -> None:
+    """Another configuration, other data, code, width or generator: seen chunk by chunk, whatever study.json says."""
+    with study_folder(tmp_path, {"eta": 1}, "a") as shelf:
+        study(shelf)
+        names, own = sorted(path.stem for path in shelf.folder.glob("*-*.npz")), dict(shelf.owner)
+    for strange in own:
+        notes: list[str] = []
+        engine = Counting()
+        shelf = ChunkFolder(tmp_path / "chunks", notes.append, own | {strange: "another"})
+        same(study(shelf, engine), undisturbed)
+        assert sorted(engine.computed) == names and all(f"computed with other {strange};" in note for note in notes)
+        engine = Counting()
+        same(study(ChunkFolder(tmp_path / "chunks", notes.append, own | {strange: "another"}), engine), undisturbed)
+        assert engine.computed == []
+        own = own | {strange: "another"}
+
+
+def test_the_owner_of_a_chunk_is_what_draws_and_code_follow_from(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = owner_of({"eta": 1}, "a")
+    assert owner_of({"eta": 1}, "a") == own
+    changed = {"configuration": owner_of({"eta": 2}, "a"), "data": owner_of({"eta": 1}, "b")}
+    with jax.enable_x64(False):
+        changed["float width"] = owner_of({"eta": 1}, "a")
+    with jax.threefry_partitionable(not jax.config.jax_threefry_partitionable):
+        changed["random numbers"] = owner_of({"eta": 1}, "a")
+    monkeypatch.setattr("qocjax.store.owner.source_digest", lambda: "another")
+    changed["code"] = owner_of({"eta": 1}, "a")
+    assert sorted(changed) == sorted(own)
+    for name, other in changed.items():
+        assert [each for each in own if own[each] != other[each]] == [name]
 
 
 # Folders and disks

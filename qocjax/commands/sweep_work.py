@@ -78,7 +78,7 @@ def written(
                            folder / "figures", drawing, config.max_collision_share)  # fmt: skip
             if reported is not None:
                 reported.result()
-        _write_record(study, config, problem, digests, folder)
+        _write_record(study, config, problem, digests, chunks.owner, folder)
     return study
 
 
@@ -146,7 +146,9 @@ def _write_tables(study: Study, folder: Path) -> dict[str, str]:
     return {path.name: digest_of(path) for path in paths}
 
 
-def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: dict[str, str], folder: Path) -> None:
+def _write_record(
+    study: Study, config: StudyConfig, problem: Problem, digests: dict[str, str], owner: dict[str, str], folder: Path
+) -> None:
     selection, evaluation = config.seeds()
     record = {
         "yardstick": yardstick(problem.scenario),
@@ -164,6 +166,7 @@ def _write_record(study: Study, config: StudyConfig, problem: Problem, digests: 
         "failures": dict(study.failures),
         "made_with": list(study.made_with),
         "chunks": list(study.chunks),
+        "owner": owner,
     }
     write_json(folder / RECORD, record | provenance(problem.controller))
 

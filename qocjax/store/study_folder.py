@@ -17,6 +17,7 @@ from qocjax.store.checked import read_array, read_checked, write_checked
 from qocjax.store.files import write_json
 from qocjax.store.identity import differences
 from qocjax.store.lock import locked
+from qocjax.store.owner import owner_of, strangeness
 
 __all__ = [
     "CHUNKS",
@@ -47,9 +48,14 @@ _DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, err
 class ChunkFolder:
     """Results of chunks, a file each, by the chunk's name."""
 
-    def __init__(self, folder: Path, note: Callable[[str], object] = lambda text: None) -> None:
-        """Holds what lies in `folder`; `note` is told of what a reader should know."""
-        self.folder, self._note = folder, note
+    def __init__(
+        self,
+        folder: Path,
+        note: Callable[[str], object] = lambda text: None,
+        owner: Mapping[str, str] | None = None,
+    ) -> None:
+        """Holds what lies in `folder`; `note` is told of what a reader should know, `owner` is whose chunks count."""
+        self.folder, self._note, self.owner = folder, note, dict(owner or {})
         self._headers: dict[str, dict[str, Any]] = {}
 
     def holds(self, name: str, description: Mapping[str, Any]) -> bool:
@@ -66,14 +72,17 @@ class ChunkFolder:
         if header.get("chunk") != dict(description):
             self._note(f"{path}: holds another chunk; it is computed again")
             return False
-        self._headers[name] = {key: value for key, value in header.items() if key != "chunk"}
+        if strange := strangeness(header.get("owner"), self.owner):
+            self._note(f"{path}: computed with {strange}; it is computed again")
+            return False
+        self._headers[name] = {key: value for key, value in header.items() if key not in ("chunk", "owner")}
         return True
 
     def put(
         self, name: str, description: Mapping[str, Any], arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
     ) -> None:
         """Writes the results of a chunk."""
-        write_checked(self._path(name), arrays, {"chunk": dict(description), **header})
+        write_checked(self._path(name), arrays, {"chunk": dict(description), "owner": self.owner, **header})
         self._headers[name] = dict(header)
 
     def array(self, name: str, variable: str) -> np.ndarray:
@@ -112,8 +121,9 @@ def study_folder(
     try:
         (folder / CHUNKS).mkdir(parents=True, exist_ok=True)
         with locked(folder):
-            _begin(folder, json.loads(json.dumps(dict(identity))), data)
-            chunks = ChunkFolder(folder / CHUNKS, note)
+            plain = json.loads(json.dumps(dict(identity)))
+            _begin(folder, plain, data)
+            chunks = ChunkFolder(folder / CHUNKS, note, owner_of(plain, data))
             chunks.tidy()
             yield chunks
     except OSError as error:

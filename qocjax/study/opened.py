@@ -16,6 +16,7 @@ from qocjax.statistics.units import with_units
 from qocjax.store.checked import read_array, read_checked
 from qocjax.store.files import digest_of
 from qocjax.store.gathered import Piece, gathered
+from qocjax.store.owner import strangeness
 from qocjax.store.study_folder import CHUNKS, read_record, written_by
 from qocjax.study.results import Results, open_results
 from qocjax.study.study import Study
@@ -95,6 +96,9 @@ def _runs(folder: Path, part: str, record: dict[str, Any]) -> xr.Dataset:
     seeds, pieces = coordinates.pop("seed"), []
     for path in paths.values():
         header = json.loads(read_array(path, "header").tobytes())
+        if strange := strangeness(header.get("owner"), record.get("owner", {})):
+            raise ValueError(f"{path}: a chunk of another study ({strange}), expected the one that was written there; "
+                             f"resume={folder} computes it again")  # fmt: skip
         first, last = header["chunk"]["seeds"]
         pieces.append(Piece(read_array(path, "design"), (first, last), partial(read_array, path)))
     kinds = {name: (tuple(rest), np.dtype(kind)) for name, (rest, kind) in header["kinds"].items()}
