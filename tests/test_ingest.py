@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -17,6 +18,7 @@ from bags import AMCL, STAMPED, TWIST, Message, pose, speeds, stamped, write_bag
 from hydra import compose, initialize_config_dir
 
 import qocjax
+from qocjax.commands import ingest as command
 from qocjax.commands.ingest import Ingested, report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
@@ -67,12 +69,68 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+def stamps(count: int = 100) -> pd.DataFrame:
+    sent = 0.05 * np.arange(count)
+    return pd.DataFrame({
+        "sequence": np.arange(count), "uplink_send": sent, "edge_receive": sent + 0.01, "edge_send": sent + 0.03,
+        "downlink_receive": sent + 0.045,
+    })  # fmt: skip
+
+
+def test_each_run_of_a_folder_is_judged_or_named(composer: None, tmp_path: Path) -> None:
+    """Of what cannot be read, and of what would share a name, nothing goes without a word."""
+    runs = tmp_path / "runs"
+    (runs / "a b").mkdir(parents=True)
+    good = stamps()
+    for name in ("good.csv", "good.txt", "a b/one.csv", "utf16.csv"):
+        good.to_csv(runs / name, index=False, encoding="utf-16" if name.startswith("utf16") else "utf-8")
+    good.to_csv(runs / "a b__one.csv", index=False)
+    packed = good.to_parquet(index=False)
+    (runs / "cut.parquet").write_bytes(packed[: len(packed) // 2])
+    text = good.to_json(orient="records")
+    (runs / "cut.json").write_text(text[: len(text) // 2])
+    (runs / "empty.csv").write_text("")
+    good.rename(columns={"uplink_send": "sent"}).to_csv(runs / "wrong.csv", index=False)
+    pd.DataFrame({"run": ["good"], "d_cfg_ms": [100]}).to_csv(runs / "labels.csv", index=False)  # no run
+    result = ingest(runs, "figures=false", folder=tmp_path / "out")
+    assert sorted(run.name for run in result.runs) == ["a b/one", "a b__one", "good.csv", "good.txt", "utf16"]
+    assert {name: why.partition(": ")[0] != "" for name, why in result.failed.items()} == dict.fromkeys(
+        ("cut.json", "cut.parquet", "empty", "wrong"), True
+    )
+    assert "has no column 'uplink_send'" in result.failed["wrong"] and "is empty" in result.failed["empty"]
+    traces = sorted((tmp_path / "out" / "runs").rglob("trace_*.csv"))
+    assert len(traces) == 5 and {len(pd.read_csv(path)) for path in traces} == {100}
+    table = pd.read_csv(tmp_path / "out" / "summary.csv")
+    assert sorted(table.loc[table["left_out"].notna(), "run"]) == sorted(result.failed)
+    assert all(f"{name}: left out: " in report(result) for name in result.failed)
+
+
+def test_one_recording_that_breaks_its_reader_takes_no_other_down(
+    composer: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("one", "two", "three"):
+        stamps().to_csv(tmp_path / f"{name}.csv", index=False)
+    usual = command.read_run
+
+    def broken(files: Any, *rest: Any, **more: Any) -> Any:
+        if files.name == "two":
+            raise RuntimeError("of a kind that nobody foresaw")
+        return usual(files, *rest, **more)
+
+    monkeypatch.setattr(command, "read_run", broken)
+    result = ingest(tmp_path, "figures=false")
+    assert [run.name for run in result.runs] == ["one", "three"]
+    assert result.failed["two"].startswith("RuntimeError: of a kind that nobody foresaw (")
+
+
 GROUPED = ["labels.pattern='{qos}/delay_{d_cfg_ms}_*'", "quality.goal=[2.0, 0.0]", "figures=false"]
 
 
 def test_a_folder_of_runs_is_one_tidy_table(folder: Path, composer: None, tmp_path: Path) -> None:
     result = ingest(folder, *GROUPED, folder=tmp_path)
     table = pd.read_csv(tmp_path / "summary.csv")
+    assert table["run"].iloc[-1] == "reliable/delay_100_3" and isinstance(table["left_out"].iloc[-1], str)
+    table = table[table["left_out"].isna()]
     assert len(table) == 8 and list(result.failed) == ["reliable/delay_100_3"]
     assert "left out: " in report(result)
     assert set(table["qos"]) == {"best_effort", "reliable"} and set(table["d_cfg_ms"]) == {100.0, 300.0}

@@ -30,7 +30,7 @@ from qocjax.commands.quoting import quoted_options
 if TYPE_CHECKING:
     from qocjax.config.part import Part
 
-__all__ = ["Command", "given_options", "no_collection", "output_dir"]
+__all__ = ["Command", "given_options", "no_collection", "output_dir", "unforeseen"]
 
 _LONGEST = 2000  # letters of an error
 
@@ -117,7 +117,7 @@ def _one_line() -> Iterator[None]:
     except Exception as error:
         if os.environ.get("QOCJAX_TRACEBACK"):
             raise
-        _fail(_unforeseen(error))
+        _fail(ValueError(unforeseen(error)))
     except KeyboardInterrupt as stop:
         print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
         sys.exit(130)
@@ -191,11 +191,11 @@ def _fail(error: Exception) -> NoReturn:
     sys.exit(2)
 
 
-def _unforeseen(error: Exception) -> ValueError:
+def unforeseen(error: Exception) -> str:
     """What no check foresaw, in a line: its kind, what it says, where it was raised, and how to see the rest."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return ValueError(f"{said} ({at.filename}, line {at.lineno}); QOCJAX_TRACEBACK=1 shows the traceback, to report it")
+    return f"{said} ({at.filename}, line {at.lineno}); QOCJAX_TRACEBACK=1 shows the traceback, to report it"
 
 
 def _set_up_jax() -> Path | None:

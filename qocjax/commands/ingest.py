@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from qocjax.advice.advice import plain
-from qocjax.commands.command_line import output_dir
+from qocjax.commands.command_line import output_dir, unforeseen
 from qocjax.commands.robot_seen import limits_values
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.part import load
@@ -66,10 +68,10 @@ def run(config: IngestConfig, folder: Path | None = None, *, quiet: bool = False
     for each in tqdm(files, desc="runs", file=sys.stderr, disable=True if quiet or len(files) == 1 else None):
         try:
             found.append(read_run(each, rules, quiet=quiet))
-        except (ValueError, OSError) as error:
+        except Exception as error:  # whatever is wrong with one file, the others are read
             if len(files) == 1:
                 raise
-            failed[each.name] = str(error)
+            failed[each.name] = str(error) if isinstance(error, (ValueError, OSError)) else unforeseen(error)
     if not found:
         raise ValueError(
             f"path: none of the {len(files)} runs in {config.path} can be read: {next(iter(failed.values()))}"
@@ -91,17 +93,20 @@ _LIMITS = "# What each robot was seen to do, in SI units: lower bounds, as what 
 
 
 def _write(result: Ingested, config: IngestConfig, folder: Path) -> None:
-    tables = {"summary": result.summary, "robots": result.robots, "findings": result.findings, "groups": result.groups}
+    left_out = pd.DataFrame([{"run": name, "left_out": why} for name, why in result.failed.items()])
+    summary = pd.concat([result.summary, left_out], ignore_index=True) if result.failed else result.summary
+    tables = {"summary": summary, "robots": result.robots, "findings": result.findings, "groups": result.groups}
     for name, table in tables.items():
         if table is not None and len(table):
             write_table(folder / name, table)
+    places = file_names([each.name for each in result.runs])
     for each in result.runs:
-        place = folder / "runs" / file_name(each.name)
+        place, robots = folder / "runs" / places[each.name], file_names(list(each.loops))
         for name, delays in each.one_way.items():
             write_table(place / f"delays_{name}", pd.DataFrame({"delay": delays}))
         for robot, trace in each.loops.items():
-            write_table(place / f"trace_{file_name(robot)}", trace.table)
-            write_table(place / f"reliability_{file_name(robot)}", reliability_table(trace, config.deadline_ms))
+            write_table(place / f"trace_{robots[robot]}", trace.table)
+            write_table(place / f"reliability_{robots[robot]}", reliability_table(trace, config.deadline_ms))
         if each.limits:
             seen = plain({robot: limits_values(limits) for robot, limits in each.limits.items()})
             write_text(place / "limits.yaml", _LIMITS + OmegaConf.to_yaml(OmegaConf.create(seen)))
@@ -117,6 +122,16 @@ def _write(result: Ingested, config: IngestConfig, folder: Path) -> None:
 def file_name(name: str) -> str:
     """A run's or robot's name as part of a path."""
     return re.sub(r"[^\w.-]+", "__", name).strip("_.") or "run"
+
+
+def file_names(names: Sequence[str]) -> dict[str, str]:
+    """A part of a path for each name, no two of them the same, on disks that tell no capitals apart either."""
+    found: dict[str, str] = {}
+    for name in names:
+        plain, taken = file_name(name), {each.lower() for each in found.values()}
+        numbered = (plain if k == 1 else f"{plain}_{k}" for k in count(1))
+        found[name] = next(each for each in numbered if each.lower() not in taken)
+    return found
 
 
 def report(result: Ingested) -> str:
@@ -141,3 +156,8 @@ def main(cfg: DictConfig) -> None:
     result = run(config, folder)
     print(report(result))
     print(f"tables, traces and figures are in {folder}")
+    if result.failed:
+        names = ", ".join(result.failed)
+        print(f"error: {len(result.failed)} of {len(result.failed) + len(result.runs)} runs cannot be read ({names}); "
+              "the others are judged", file=sys.stderr)  # fmt: skip
+        sys.exit(1)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import fnmatch
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
 from qocjax._reading import check_regular, decoding
-from qocjax.network.values import header_unit
+from qocjax.network.columns import names_of
+from qocjax.network.values import header_unit, listed
 from qocjax.recorded.bags import is_bag
 from qocjax.recorded.formats import FORMATS, found_format
 from qocjax.recorded.patterns import filled, matched
 from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.run import RunFiles
-from qocjax.recorded.stamps import TABLES, StampsFormat, columns_of, is_table
+from qocjax.recorded.stamps import STAMPS, TABLES, StampsFormat, columns_of, is_table
 
 __all__ = ["Labels", "find_runs"]
 
@@ -87,7 +89,7 @@ def find_runs(path: Path, stamps: StampsFormat, poses: PosesFormat | None = None
         check_regular(path)
         return [find.file(path)]
     folders = [path, *sorted(folder for folder in path.rglob("*") if folder.is_dir())]
-    found = [run for folder in folders for run in find.folder(path, folder)]
+    found = _told_apart([run for folder in folders for run in find.folder(path, folder)])
     if not found:
         wanted = f"{stamps.files} with the columns {stamps.uplink_send} and {stamps.downlink_receive}"
         raise ValueError(
@@ -95,6 +97,12 @@ def find_runs(path: Path, stamps: StampsFormat, poses: PosesFormat | None = None
             f"tables of stamps ({wanted})"
         )
     return found
+
+
+def _told_apart(runs: list[RunFiles]) -> list[RunFiles]:
+    """Runs of different names: files that differ in their ending alone are called by it too."""
+    often = Counter(run.name for run in runs)
+    return [replace(run, name=f"{run.name}{run.ending}") if often[run.name] > 1 else run for run in runs]
 
 
 def _stem(path: Path) -> str:
@@ -145,10 +153,29 @@ class _Finder:
         logs = [
             RunFiles(f"{prefix}{_stem(file)}", log=(file, kind)) for file, kind in others if kind not in (None, "table")
         ]
+        faults = {file: self._fault(file) for file, kind in others if kind in (None, "table")}
+        logs += [
+            RunFiles(f"{prefix}{_stem(file)}", log=(file, ""), fault=fault) for file, fault in faults.items() if fault
+        ]
         if len(poses) == 1:
             return [RunFiles(name, poses=poses[0], stamps=tuple(stamps)), *logs]
         runs = [RunFiles(f"{prefix}{_stem(file)}", poses=file) for file in poses]
         return runs + [RunFiles(f"{prefix}{_stem(file)}", stamps=((file, edge),)) for file, edge in stamps] + logs
+
+    def _fault(self, path: Path) -> str:
+        """What keeps a table in a folder from being a run; empty where it was not meant as one, such as a list."""
+        try:
+            names = names_of(path, self.stamps.separator, self.stamps.records)
+        except (ValueError, OSError) as error:
+            return str(error)
+        if not names:
+            return f"{path}: is empty, expected a table"
+        wanted = [getattr(self.stamps, each) for each in STAMPS if getattr(self.stamps, each)]
+        held = {header_unit(name)[0] for name in names} | set(names)
+        missing = [name for name in wanted if name not in held]
+        if len(missing) == len(wanted):
+            return ""
+        return f"{path}: has no column {missing[0]!r}; its columns are {listed(names)}" if missing else ""
 
     def _has_poses(self, path: Path) -> bool:
         return self.poses.found_in(columns_of(path, self.stamps))

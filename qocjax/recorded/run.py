@@ -38,6 +38,13 @@ class RunFiles:
     poses: Path | None = None  # table
     stamps: tuple[tuple[Path, Path | None], ...] = ()  # tables of stamps, each with the edge's own if there is one
     log: tuple[Path, str] | None = None  # of a tool, and its format
+    fault: str = ""  # why nothing of it can be read
+
+    @property
+    def ending(self) -> str:
+        """That of its file, where it is one."""
+        files = [each[0] for each in (*self.stamps, self.log or (None,))] + [self.poses]
+        return next(("".join(file.suffixes) for file in files if file is not None), "")
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,8 @@ def read_run(files: RunFiles, rules: Rules, *, quiet: bool = False) -> RecordedR
     Raises:
         ValueError: A file is not there, is not of its format, or holds nothing of what is looked for.
     """
+    if files.fault:
+        raise ValueError(files.fault)
     findings = Findings()
     if files.log is not None:
         return _from_log(files.name, *files.log, rules, findings)

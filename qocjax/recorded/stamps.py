@@ -16,11 +16,11 @@ from qocjax.network.period import epoch_unit
 from qocjax.network.values import UNITS, header_unit
 from qocjax.recorded.findings import Findings
 
-__all__ = ["TABLES", "Stamps", "StampsFormat", "columns_of", "is_table", "read_stamps"]
+__all__ = ["STAMPS", "TABLES", "Stamps", "StampsFormat", "columns_of", "is_table", "read_stamps"]
 
 TABLES = (".csv", ".tsv", ".txt", ".log", ".parquet", ".json", ".jsonl", ".ndjson")
 _LATEST = 1e11  # s; beyond, a unit cannot be right
-_STAMPS = ("uplink_send", "edge_receive", "edge_send", "downlink_receive")
+STAMPS = ("uplink_send", "edge_receive", "edge_send", "downlink_receive")
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def read_stamps(path: Path, layout: StampsFormat, edge: Path | None, findings: F
     """
     if layout.unit is not None and layout.unit not in UNITS:
         raise ValueError(f"stamps.unit: got {layout.unit!r}, expected one of {', '.join(UNITS)}")
-    own = [name for name in (layout.sequence, *(getattr(layout, each) for each in _STAMPS)) if name]
+    own = [name for name in (layout.sequence, *(getattr(layout, each) for each in STAMPS)) if name]
     if edge is not None:
         own = [name for name in own if name not in (layout.edge_receive, layout.edge_send)]
     labels = [name for name in (layout.robot, layout.session) if name]
@@ -110,7 +110,7 @@ def _part(
     table: dict[str, Any], scales: dict[str, float], rows: NDArray[np.intp], key: tuple[str, str], layout: StampsFormat
 ) -> Stamps:
     """One robot's session, its times as floats since a whole second near them: one in ns is too long."""
-    values = {each: table.get(str(getattr(layout, each))) for each in _STAMPS}
+    values = {each: table.get(str(getattr(layout, each))) for each in STAMPS}
     send = table[layout.uplink_send]
     first = next((send[k] for k in rows if _is_number(send[k])), 0)
     epoch = math.floor(first / scales[layout.uplink_send])
