@@ -317,3 +317,20 @@ def test_plain_twists_have_no_loop_time(composer: None, tmp_path: Path) -> None:
     (only,) = ingest(bag, "figures=false").runs
     assert only.loops == {} and only.quality is None
     assert "robot" in only.commands
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("labels.pattern='{qos}/nothing_{d}'", "labels.pattern: got .* which fits none of the 1 runs, such as one"),
+        ("labels.file=FILE", "labels.file: got runs 'other', which fit none of the 1 runs, such as one"),
+        ("+quality.starts.ghost=[0,0,0]", "quality.starts: got ghost, expected one of the robots robot"),
+    ],
+)
+def test_options_that_fit_no_run_are_refused(option: str, words: str, composer: None, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    stamps().assign(robot="robot").to_csv(tmp_path / "runs" / "one.csv", index=False)
+    (tmp_path / "labels.csv").write_text("run,d_cfg_ms\nother,100\n")
+    with pytest.raises(ValueError, match=words):
+        ingest(tmp_path / "runs", "figures=false", "stamps.robot=robot",
+               option.replace("FILE", str(tmp_path / "labels.csv")))  # fmt: skip

@@ -64,6 +64,7 @@ def run(config: IngestConfig, folder: Path | None = None, *, quiet: bool = False
     """
     rules, labels, given = config.build(), config.labels.build(), config.quality.scale()
     files = find_runs(Path(config.path), rules.stamps, rules.poses, rules.kind)
+    labels.check([each.name for each in files])
     found, failed = [], {}
     for each in tqdm(files, desc="runs", file=sys.stderr, disable=True if quiet or len(files) == 1 else None):
         try:
@@ -76,6 +77,11 @@ def run(config: IngestConfig, folder: Path | None = None, *, quiet: bool = False
         raise ValueError(
             f"path: none of the {len(files)} runs in {config.path} can be read: {next(iter(failed.values()))}"
         )
+    if given_starts := config.quality.starts:
+        robots = {robot for run in found for robot in (*run.loops, *run.commands, *run.limits)}
+        if robots and not robots & set(given_starts):
+            raise ValueError(f"quality.starts: got {', '.join(given_starts)}, expected one of the robots "
+                             f"{', '.join(sorted(robots))}")  # fmt: skip
     named = [labels(each.name) for each in found]
     scale = given or scale_of(found)
     summary = run_table(found, named, scale)

@@ -114,6 +114,7 @@ def _recorded_points(
     rules, labels, grouping = source.rules(config.robot.radius), source.labels.build(), source.grouping(delays)
     found, failed = [], []
     files = find_runs(source.place(), rules.stamps, rules.poses, rules.kind)
+    labels.check([each.name for each in files])
     for each in tqdm(files, desc="reading", unit=" runs", file=sys.stderr, disable=True if quiet else None):
         try:
             found.append(read_run(each, rules, quiet=True))

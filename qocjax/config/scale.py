@@ -39,6 +39,9 @@ def given_scale(
     if j_med is not None and j_max is not None:
         if source is not None:
             raise ValueError(f"{part}.scale: got {source} beside {part}.j_med, expected one of them")
+        if j_med > j_max:
+            raise ValueError(f"{part}.j_med: got {j_med:g}, the median AUC, expected at most the largest, "
+                             f"{part}.j_max={j_max:g}")  # fmt: skip
         return QocScale(j_med, j_max)
     return None if source is None else _read(f"{part}.scale", source, scenario)
 

@@ -126,7 +126,14 @@ class ValidateConfig(SimulationConfig):
         return np.sort(np.asarray(given, np.float64)) / 1e3
 
     def seeds(self) -> range:
-        """Monte Carlo seeds of S, and of E where it is simulated."""
+        """Monte Carlo seeds of S, and of E where it is simulated.
+
+        Raises:
+            ValueError: One of the numbers that what is simulated is judged by is out of range, before anything is.
+        """
+        _checks.count("validation.resamples", self.validation.resamples, least=100)
+        if not 0 < (share := self.validation.regime_share) < 1:
+            raise ValueError(f"validation.regime_share: got {share:g}, expected a share between 0 and 1")
         return range(_checks.count("validation.seeds", self.validation.seeds, least=2))
 
     def design_of(self, source: Simulated) -> Design:

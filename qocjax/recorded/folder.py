@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -57,6 +58,20 @@ class Labels:
                 if fnmatch.fnmatchcase(name, row.pop("run")):
                     found |= {str(key): value for key, value in row.items() if not pd.isna(value)}
         return found
+
+    def check(self, names: Sequence[str]) -> None:
+        """Checks that they say something of some run.
+
+        Raises:
+            ValueError: The pattern or the table fits none of the names.
+        """
+        if self.pattern and not any(matched(self.pattern, name) for name in names):
+            raise ValueError(f"labels.pattern: got {self.pattern}, which fits none of the {len(names)} runs, such as "
+                             f"{names[0]}")  # fmt: skip
+        rows = [] if self.table is None else self.table["run"].dropna().tolist()
+        if self.table is not None and not any(fnmatch.fnmatchcase(name, row) for name in names for row in rows):
+            raise ValueError(f"labels.file: got runs {listed(rows[:3])}, which fit none of the {len(names)} runs, such "
+                             f"as {names[0]}")  # fmt: skip
 
 
 def _number(text: str) -> str | float:
