@@ -494,7 +494,7 @@ BAD = {
     "another actuation": (["measured=surrogate", "loop.actuation=arrival"], "actuation: got 'arrival'"),
     "another controller for S": (["controller=navigation"], "controller: got navigation, expected apf, which is S"),
     "unknown kind": (["measured=surrogate", "+measured.mass=1"], "measured.mass: got an unknown option"),
-    "share": (["measured=surrogate", "validation.regime_share=1.5"], "validation.regime_share: got 1.5, expected a share between 0 and 1"),
+    "share": (["measured=surrogate", "validation.regime_share=1.5"], "regime_share: got 1.5, expected a share between"),
 }  # fmt: skip
 
 
