@@ -197,11 +197,12 @@ class Design:
         return Design.of({name: np.broadcast_to(value, shape)[places] for name, value in own.items()})
 
 
-def check_times(scenario: Scenario, tau: ArrayLike, deadline: ArrayLike) -> None:
-    """Checks that every sampling period and every deadline (s) fits into the horizon.
+def check_times(scenario: Scenario, tau: ArrayLike, deadline: ArrayLike | None = None) -> None:
+    """Checks that every sampling period, and where given every deadline, fits into the horizon (s).
 
     Raises:
         ValueError: One is longer: no second sample, or no command, would come within it.
     """
     _checks.bounded("tau", tau, above=0, most=scenario.horizon)
-    _checks.bounded("deadline", deadline, most=scenario.horizon)
+    if deadline is not None:
+        _checks.bounded("deadline", deadline, most=scenario.horizon)

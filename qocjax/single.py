@@ -206,7 +206,7 @@ def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLik
             raise ValueError("loop_times: got NaN or a negative time, expected seconds >= 0 (inf where lost)")
     shape = np.shape(loop_times)
     if _checks.is_concrete(design.tau):
-        check_times(scenario, design.tau, design.deadline)
+        check_times(scenario, design.tau)
         wanted = (num_ticks(scenario.horizon, float(np.asarray(design.tau))), scenario.num_robots)
         if shape != wanted:
             raise ValueError(f"loop_times: got shape {shape}, expected {wanted}: (horizon / tau, robots)")

@@ -80,12 +80,12 @@ def test_batch_is_replay_with_a_reference_per_robot(reference: str) -> None:
 
 
 def test_any_tau_and_deadline_side_by_side() -> None:
-    """Dividing the horizon or not, deadlines zero, below tau, above the horizon: all in one grid."""
-    tau, deadline = [0.1, 0.3, 0.07, 0.1], [0.0, 0.45, 0.21, 2.6]
+    """Dividing the horizon or not, deadlines zero, below tau, as long as the horizon: all in one grid."""
+    tau, deadline = [0.1, 0.3, 0.07, 0.1], [0.0, 0.45, 0.21, 2.0]
     grid = Design(tau=tau, deadline=deadline, v_max=[0.7, 0.9, 0.5, 0.7])
     runs = exact(CLOSE, grid, [3])
     assert_like_replay(runs, CLOSE, grid, [(k, 3) for k in range(3)])
-    assert np.all(runs["completed_share"][3] == 1) and np.all(runs["path_length"][3] == 0)  # due after the horizon
+    assert np.all(runs["completed_share"][3] == 1) and np.all(runs["path_length"][3] == 0)  # due at its end
 
 
 @pytest.mark.parametrize("max_runs", [1, 3, 50, 100_000])

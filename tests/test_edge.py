@@ -306,7 +306,9 @@ def test_an_unlimited_edge_is_none() -> None:
     wrapped = EdgeNetwork(PATH, Edge(3, False))
     assert with_edge(PATH, wrapped.edge) is PATH
     plain = jax.jit(jax.vmap(lambda key: PATH.draw(key, *LOAD)), compiler_options=QUICKLY)(KEYS)
-    np.testing.assert_allclose(contended(wrapped, [0.1])[0].loop_times[0], plain, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        contended(wrapped, [0.1])[0].loop_times[0], plain, rtol=0, atol=1e-7
+    )  # draws are of 32 bits
 
 
 def test_an_unlimited_edge_gives_up_too() -> None:
@@ -385,7 +387,7 @@ def test_computations_at_once_of_the_paper(tau: float) -> None:
     law = TruncatedNormal(0.2, 0.05)
     mean = law.quantile((np.arange(2000) + 0.5) / 2000).mean()
     at_end = np.minimum(mean, 10 - np.arange(load.num_ticks) * tau)  # close to E min(T_C, what is left)
-    assert found.mean == pytest.approx(2 * at_end.sum() / 10, rel=5e-3)
+    assert found.mean == pytest.approx(2 * at_end.sum() / 10, rel=1e-2)
     assert mean * 2 / tau < found.peak < 1.5 * mean * 2 / tau + 2
 
 

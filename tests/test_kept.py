@@ -51,6 +51,7 @@ def traces(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def a_study(monkeypatch: pytest.MonkeyPatch) -> Any:
     """What a new process would evaluate."""
     monkeypatch.setattr(runner, "_programs", Once())
+    monkeypatch.setattr(runner, "_kept", Once())
     scenario, designs = Scenario(horizon=2.0), Design(kappa=[1.0, 2.0], deadline=0.15)
     return qocjax.evaluate(scenario, designs, paper_network(), range(3), dtype=jnp.float32)
 

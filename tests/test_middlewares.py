@@ -202,7 +202,7 @@ def test_bag_of_a_run_is_read_to_the_same_auc_and_loops(driven: tuple, tmp_path:
     pytest.importorskip("rosbags")
     from hydra import compose, initialize_config_dir
 
-    from qocjax import ingest
+    from qocjax.commands import ingest
     from qocjax.config import conf_dir, load
     from qocjax.config.ingest import IngestConfig
 

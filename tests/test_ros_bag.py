@@ -19,7 +19,7 @@ from rosbags.interfaces import QosDurability
 from rosbags.typesys import Stores, get_typestore
 
 import qocjax
-from qocjax import ingest
+from qocjax.commands import ingest
 from qocjax.commands.show import run as show
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from scipy.ndimage import distance_transform_edt
 
 from qocjax import _checks
 from qocjax.navigation.grid import Grid
@@ -109,6 +108,8 @@ def static_layer(static_map: StaticMap, track_unknown_space: bool = False) -> St
     occupied = cost == LETHAL
     if not occupied.any():
         return StaticLayer(jnp.asarray(known, float), jnp.full(cost.shape, jnp.inf))
+    from scipy.ndimage import distance_transform_edt  # takes long, and a configuration needs none
+
     squared = np.rint(distance_transform_edt(~occupied) ** 2)  # a map's own is made once, and needs no program for it
     return StaticLayer(jnp.asarray(known, float), jnp.sqrt(jnp.asarray(squared, float)) * static_map.grid.resolution)
 

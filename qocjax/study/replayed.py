@@ -13,7 +13,7 @@ from qocjax.batch.drawing import draw_seeds, loops_of
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
-from qocjax.scenario import Design, Scenario, num_ticks
+from qocjax.scenario import Design, Scenario, check_times, num_ticks
 from qocjax.single import Run, simulate
 
 __all__ = ["replay"]
@@ -42,7 +42,8 @@ def replay(
     """
     rules = rules or Rules()
     _checks.counts("seed", [seed])
-    tau = float(np.asarray(_checks.bounded("tau", design.tau, above=0, most=scenario.horizon, shape=())))
+    check_times(scenario, design.tau, design.deadline)
+    tau = float(np.asarray(_checks.bounded("tau", design.tau, shape=())))
     ticks = num_ticks(scenario.horizon, tau)
     start, drawn, keys = draw_seeds(
         jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
