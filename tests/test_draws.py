@@ -56,7 +56,12 @@ def drawn_of(network: Network) -> tuple[Any, Any]:
     return found.start, times
 
 
-@pytest.mark.parametrize("name", [*OPTIONS, "trace"])
+QUICK = ("paper", "burst losses", "trace")  # a law, a process that goes on, whole numbers; others take long to compile
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in (*OPTIONS, "trace")]
+)
 def test_loop_times_of_a_seed_do_not_depend_on_the_width(name: str) -> None:
     network = network_of(name)
     (start, times), (narrow_start, narrow_times) = (in_width(wide, lambda: drawn_of(network)) for wide in (True, False))
