@@ -2,10 +2,10 @@
 
 In the hall and in the doorway, on the paper's network at 20 Hz. `tune`: critic weights, temperature, spreads and
 inflation are searched together with the deadline (CMA-ES on new seeds in each generation), and judged on fresh seeds
-beside Nav2's defaults at the deadline that suits these best; a quarter of an hour on two cores for each scene.
+beside Nav2's defaults at the deadline that suits these best; twelve core-minutes for each scene.
 `matters`: what each parameter matters at some deadlines around what was found, as the relative change of QoC for a
-relative change of the parameter; six minutes. `across`: what was found in one scene, judged in the other; two minutes.
-All of them unless parts are named.
+relative change of the parameter; six core-minutes a scene. `across`: what was found in one scene, judged in the other;
+two core-minutes. All of them unless parts are named.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from bags import AMCL, STAMPED, TWIST, Message, pose, speeds, stamped, write_bag
 from hydra import compose, initialize_config_dir
 
 import qocjax
-from qocjax.commands import ingest as command
+from qocjax.commands import recordings
 from qocjax.commands.ingest import Ingested, report, run
 from qocjax.config import conf_dir, load
 from qocjax.config.ingest import IngestConfig
@@ -110,14 +110,14 @@ def test_one_recording_that_breaks_its_reader_takes_no_other_down(
 ) -> None:
     for name in ("one", "two", "three"):
         stamps().to_csv(tmp_path / f"{name}.csv", index=False)
-    usual = command.read_run
+    usual = recordings.read_run
 
     def broken(files: Any, *rest: Any, **more: Any) -> Any:
         if files.name == "two":
             raise RuntimeError("of a kind that nobody foresaw")
         return usual(files, *rest, **more)
 
-    monkeypatch.setattr(command, "read_run", broken)
+    monkeypatch.setattr(recordings, "read_run", broken)
     result = ingest(tmp_path, "figures=false")
     assert [run.name for run in result.runs] == ["one", "three"]
     assert result.failed["two"].startswith("RuntimeError: of a kind that nobody foresaw (")

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra._internal.hydra import Hydra
 from hydra._internal.utils import get_args_parser
 from packaging.requirements import Requirement
 
 from qocjax._conf import hydra_base
+from qocjax.commands.command_line import _compose_once
 
 ROOT = Path(__file__).parents[1]
 INSTALLED = version("hydra-core")
@@ -57,6 +59,15 @@ def test_hydra_for_314_gets_by_its_argparse(argparse_of_314: None) -> None:
 def test_one_hydra_for_each_python(python: str) -> None:
     first, beyond = ("1.4.0", "1.5.0") if python == "3.14" else ("1.3.8", "1.4.0")
     assert required_by(python).specifier.contains(first) and not required_by(python).specifier.contains(beyond)
+
+
+def test_a_hydra_that_finds_its_mode_otherwise_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def get_mode(self: Hydra, config_name: str | None, overrides: list[str], parsed_overrides: Any = None) -> None:
+        """As Hydra 1.4 has it."""
+
+    monkeypatch.setattr(Hydra, "get_mode", get_mode)
+    _compose_once()
+    assert Hydra.get_mode is get_mode
 
 
 def test_hydra_is_told_of_a_base_version_only_where_it_wants_one() -> None:

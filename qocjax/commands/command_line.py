@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import os
 import re
 import sys
@@ -124,8 +125,13 @@ def _one_line() -> Iterator[None]:
 
 
 def _compose_once() -> None:
-    """Spares Hydra the composition that it makes to learn of `hydra.mode` alone, where nothing can have set it."""
+    """Spares Hydra the composition that it makes to learn of `hydra.mode` alone, where nothing can have set it.
+
+    A Hydra that asks for it otherwise, as 1.4 does, is left alone.
+    """
     asked = Hydra.get_mode
+    if list(inspect.signature(asked).parameters) != ["self", "config_name", "overrides"]:
+        return
 
     def mode(self: Hydra, config_name: str | None, overrides: list[str]) -> Any:
         own = any(each.startswith(("-c", "--config")) for each in sys.argv[1:])  # files that are not of the package

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pandas as pd
 from omegaconf import DictConfig, OmegaConf
-from tqdm import tqdm
 
 from qocjax.advice.advice import plain
-from qocjax.commands.command_line import output_dir, unforeseen
+from qocjax.commands.command_line import output_dir
+from qocjax.commands.recordings import read_runs
 from qocjax.commands.robot_seen import limits_values
 from qocjax.config.ingest import IngestConfig
 from qocjax.config.part import load
@@ -65,14 +65,7 @@ def run(config: IngestConfig, folder: Path | None = None, *, quiet: bool = False
     rules, labels, given = config.build(), config.labels.build(), config.quality.scale()
     files = find_runs(Path(config.path), rules.stamps, rules.poses, rules.kind)
     labels.check([each.name for each in files])
-    found, failed = [], {}
-    for each in tqdm(files, desc="runs", file=sys.stderr, disable=True if quiet or len(files) == 1 else None):
-        try:
-            found.append(read_run(each, rules, quiet=quiet))
-        except Exception as error:  # whatever is wrong with one file, the others are read
-            if len(files) == 1:
-                raise
-            failed[each.name] = str(error) if isinstance(error, (ValueError, OSError)) else unforeseen(error)
+    found, failed = read_runs(files, rules, quiet) if len(files) > 1 else ([read_run(files[0], rules, quiet=quiet)], {})
     if not found:
         raise ValueError(
             f"path: none of the {len(files)} runs in {config.path} can be read: {next(iter(failed.values()))}"

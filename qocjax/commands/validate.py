@@ -13,6 +13,7 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax.commands.command_line import output_dir
+from qocjax.commands.recordings import read_runs
 from qocjax.commands.validation_page import page
 from qocjax.config import load
 from qocjax.config.bounds import built_bounds
@@ -20,7 +21,7 @@ from qocjax.config.validate import CsvConfig, RecordedConfig, Simulated, Validat
 from qocjax.figures.save import save
 from qocjax.figures.validation import calibration_figure, validation_figure
 from qocjax.network.interface import Network
-from qocjax.recorded import find_runs, read_run
+from qocjax.recorded import find_runs
 from qocjax.scenario import num_ticks
 from qocjax.statistics.units import trace_remark
 from qocjax.store import provenance, write_config, write_json, write_table
@@ -112,16 +113,12 @@ def _recorded_points(
     config: ValidateConfig, source: RecordedConfig, delays: np.ndarray | None, quiet: bool
 ) -> pd.DataFrame:
     rules, labels, grouping = source.rules(config.robot.radius), source.labels.build(), source.grouping(delays)
-    found, failed = [], []
     files = find_runs(source.place(), rules.stamps, rules.poses, rules.kind)
     labels.check([each.name for each in files])
-    for each in tqdm(files, desc="reading", unit=" runs", file=sys.stderr, disable=True if quiet else None):
-        try:
-            found.append(read_run(each, rules, quiet=True))
-        except (ValueError, OSError) as error:
-            failed.append({"run": each.name, "left_out": str(error)})
+    found, failed = read_runs(files, rules, quiet)
     points = run_points(found, [labels(each.name) for each in found], grouping)
-    return pd.concat([points, pd.DataFrame(failed)], ignore_index=True) if failed else points
+    left_out = pd.DataFrame([{"run": name, "left_out": why} for name, why in failed.items()])
+    return pd.concat([points, left_out], ignore_index=True) if failed else points
 
 
 def _simulate(
