@@ -9,11 +9,11 @@ import difflib
 import importlib
 import os
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import yaml
 
+from qocjax import __version__
 from qocjax._conf import conf_dir
 
 __all__ = ["main", "questions"]
@@ -27,7 +27,7 @@ def main() -> None:
     if not given or given[0] in ("-h", "--help"):
         _print(overview())
     elif given[0] == "--version":
-        _print(f"qocjax {version('qocjax')}")
+        _print(f"qocjax {__version__}")
     elif given[0] == "--completion":
         from qocjax.commands.completion import SHELLS, completion  # composes every command's options
 
