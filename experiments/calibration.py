@@ -26,7 +26,8 @@ from qocjax.config import conf_dir, load
 from qocjax.config.validate import StackConfig, ValidateConfig
 from qocjax.figures.save import save
 from qocjax.figures.validation import calibration_figure
-from qocjax.store import provenance, write_json
+from qocjax.store import write_json
+from qocjax.store.provenance import provenance
 from qocjax.validation import Curve, Fit, Judged, Setting, fit, judge_gains, simulated_curve
 
 RESULTS = Path(__file__).resolve().parent / "results"

@@ -27,7 +27,8 @@ from qocjax.config.simulation import SimulationConfig
 from qocjax.figures.prediction import prediction_gain
 from qocjax.figures.save import save
 from qocjax.statistics.estimates import estimate, paired
-from qocjax.store import provenance, write_json
+from qocjax.store import write_json
+from qocjax.store.provenance import provenance
 
 RESULTS = Path(__file__).resolve().parent / "results"
 SCENARIOS = ("hall", "crossing")

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
+from operator import attrgetter
 from typing import Any
 
-import jax
 import numpy as np
-
-_NUMBERS = (int, float, np.ndarray, np.generic, jax.Array)
 
 
 def is_concrete(value: Any) -> bool:
     """Whether a value can be looked at: a tracer (under jit, grad, vmap) cannot."""
-    return not isinstance(value, jax.core.Tracer)
+    return not _is_of_jax(value, "core.Tracer")
 
 
 def is_zero(value: Any) -> bool:
@@ -48,7 +47,8 @@ def numbers(name: str, value: Any, shape: tuple[int | None, ...] | None = None) 
         raise ValueError(f"{name}: got shape {array.shape}, expected " + (f"({wanted})" if shape else "one number"))
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name}: got {_show(array)}, expected finite numbers")
-    return value if isinstance(value, _NUMBERS) else array.astype(float)
+    own = isinstance(value, (int, float, np.ndarray, np.generic)) or _is_of_jax(value, "Array")
+    return value if own else array.astype(float)
 
 
 def bounded(
@@ -135,3 +135,9 @@ def _fits(shape: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
 def _show(array: np.ndarray) -> str:
     text = np.array2string(array.ravel()[:4], separator=", ")
     return str(array.item()) if array.size == 1 else text[:-1] + (", ...]" if array.size > 4 else "]")
+
+
+def _is_of_jax(value: Any, kind: str) -> bool:
+    """Whether a value is of a class of JAX, which figures do without: while it is not imported, none is."""
+    jax = sys.modules.get("jax")
+    return jax is not None and isinstance(value, attrgetter(kind)(jax))

@@ -99,9 +99,9 @@ def _path(function: Callable, args: tuple, static: tuple) -> Path:
     if _folder is None:
         raise UntoldError("no folder")
     leaves, structure = jax.tree.flatten(args)
-    if not all(isinstance(leaf, (np.ndarray, np.generic, jax.Array)) for leaf in leaves):
+    if not all(isinstance(leaf, (np.ndarray, np.generic, jax.Array, int, float)) for leaf in leaves):
         raise UntoldError("an argument that is no array")
-    shapes = tuple((str(leaf.dtype), leaf.shape, bool(getattr(leaf, "weak_type", False))) for leaf in leaves)
+    shapes = tuple((str(a.dtype), a.shape, a.weak_type) for a in map(jax.typeof, leaves))
     settings = {name: repr(value) for name, value in jax.config.values.items() if "cache" not in name}
     digest = hashlib.blake2b(_made_with(), digest_size=20)
     for piece in told((function, structure, shapes, static, settings, str(jnp.result_type(float)))):

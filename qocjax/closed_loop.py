@@ -21,8 +21,9 @@ from qocjax.pipeline import Loop, block_length, in_blocks, through_buffer
 from qocjax.quality import Side, Tally, Yardstick
 from qocjax.reference import reference_path, reference_way
 from qocjax.robots import Command, Pose, pose_from
-from qocjax.scenario import CONTINUOUS, Design, Scenario
+from qocjax.scenario import Design, Scenario
 from qocjax.timeline import Row, Stretch, cut, timeline
+from qocjax.tunables import CONTINUOUS
 
 __all__ = ["Outcome", "Plan", "Recorded", "run_closed_loop"]
 

@@ -12,13 +12,12 @@ from jax.typing import ArrayLike
 
 from qocjax import _checks
 from qocjax.robots import Robot, Unicycle
+from qocjax.tunables import DESIGN
 
-__all__ = ["CONTINUOUS", "DESIGN", "NORMALISERS", "REFERENCES", "Design", "Scenario", "num_ticks"]
+__all__ = ["NORMALISERS", "REFERENCES", "Design", "Scenario", "num_ticks"]
 
 REFERENCES = ("nominal", "follow", "uncapped")
 NORMALISERS = ("initial_disagreement", "goal_distance")
-CONTINUOUS = ("v_max", "omega_max", "eta", "kappa", "gamma", "c_miss", "d_safe")
-DESIGN = (*CONTINUOUS, "tau", "deadline")  # the model's values of a design, in the order of its fields
 
 # Comparisons of times allow this much rounding, relative to one sampling period or to the deadline.
 TIME_TOLERANCE = 1e-6

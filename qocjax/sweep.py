@@ -4,7 +4,7 @@ from qocjax.commands.command_line import Command
 
 __all__ = ["main"]
 
-main = Command("sweep", "study.StudyConfig", nav2=True)
+main = Command("sweep", "study.StudyConfig", nav2=True, draws="qocjax.figures.study")
 
 if __name__ == "__main__":
     main()

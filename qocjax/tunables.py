@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from qocjax import _checks
-from qocjax.scenario import DESIGN
 
 __all__ = [
     "APF",
     "CBF",
+    "CONTINUOUS",
+    "DESIGN",
     "LOOP",
     "NAVIGATION",
     "NETWORK",
@@ -30,6 +31,9 @@ __all__ = [
     "check_others",
     "design_name",
 ]
+
+CONTINUOUS = ("v_max", "omega_max", "eta", "kappa", "gamma", "c_miss", "d_safe")
+DESIGN = (*CONTINUOUS, "tau", "deadline")  # the model's values of a design, in the order of its fields
 
 
 @dataclass(frozen=True)

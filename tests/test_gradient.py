@@ -12,7 +12,7 @@ import pytest
 from qocjax import Design, Rules, Scenario, evaluate, gradient, paper_network
 from qocjax._math import EXACT
 from qocjax.closed_loop import Plan, run_closed_loop
-from qocjax.scenario import CONTINUOUS
+from qocjax.tunables import CONTINUOUS
 
 SCENARIO = Scenario(horizon=2.0)
 NETWORK = paper_network(0.06, 0.02)

@@ -99,6 +99,20 @@ def test_a_change_of_what_is_static_or_of_the_source_is_another_program(
     assert norm_of(scenario) == found[0] and len(traces) == 3
 
 
+def test_a_run_with_its_trajectory_is_kept_too(
+    folder: Path, traces: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its scenario holds Python's numbers, beside arrays."""
+
+    def run() -> Any:
+        monkeypatch.setattr(kept, "_programs", Once())
+        return qocjax.simulate(Scenario(horizon=1.0), Design(tau=0.05), np.full((20, 2), 0.05))
+
+    first, again = run(), run()
+    assert traces == ["_simulate"]
+    assert np.array_equal(first.pose, again.pose) and np.array_equal(first.auc, again.auc)
+
+
 def test_under_a_transformation_nothing_is_kept(folder: Path) -> None:
     scenario, times = Scenario(horizon=1.0), np.full((20, 2), 0.05)
     slope = jax.grad(lambda kappa: qocjax.simulate(scenario, Design(kappa=kappa, tau=0.05), times).auc.sum())(1.0)

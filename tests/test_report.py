@@ -18,8 +18,9 @@ from matplotlib.image import imread
 
 from qocjax import Design, Rules, Scenario, Study, one_at_a_time, paper_network, replay, simulate
 from qocjax.batch.drawing import draw_seeds
+from qocjax.cost_values import LETHAL
 from qocjax.navigation import Grid
-from qocjax.navigation.maps import LETHAL, Rectangle, map_of_shapes
+from qocjax.navigation.maps import Rectangle, map_of_shapes
 from qocjax.report import StudyPage, hall_map, study_page, write_study_report
 from qocjax.report.delays import delay_chart, late_chart
 from qocjax.report.html import escape, interval, json_text, number, plus_minus

@@ -16,8 +16,9 @@ import qocjax
 from experiments.maps import make_maps
 from qocjax.config import StudyConfig, conf_dir, load
 from qocjax.config.controller import map_of
+from qocjax.cost_values import LETHAL
 from qocjax.navigation import NavigationStack, check_free, read_map
-from qocjax.navigation.maps import LETHAL, StaticMap
+from qocjax.navigation.maps import StaticMap
 from qocjax.scenario import Design, Scenario, num_ticks
 
 ROOT = Path(__file__).parents[1]

@@ -18,11 +18,11 @@ from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.study import StudyConfig
 from qocjax.config.tune import TuneConfig
-from qocjax.scenario import DESIGN
 from qocjax.statistics.scales import standing_still
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
 from qocjax.study.sweep import qoc_by_seed, results_table
+from qocjax.tunables import DESIGN
 
 SCENARIO = Scenario(start=[[-0.6, -0.5, 0.3], [-0.6, 0.5, 0.0]], goal=[1.0, 0.0], horizon=4.0)
 BASE = Design(tau=0.1)

@@ -21,8 +21,8 @@ from qocjax.config import conf_dir, load
 from qocjax.config.tune import TuneConfig
 from qocjax.figures.gradients import gradient_errors
 from qocjax.figures.tuning import tuning_map, tuning_progress
-from qocjax.scenario import CONTINUOUS
 from qocjax.search.objective import Objective
+from qocjax.tunables import CONTINUOUS
 from qocjax.tuning import (
     DEFAULT_BOUNDS,
     ESTIMATORS,

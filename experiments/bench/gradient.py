@@ -19,7 +19,7 @@ import numpy as np
 from qocjax import Design, Scenario, evaluate, gradient, paper_network
 from qocjax._xla import request_whole_loop
 from qocjax.batch import layout
-from qocjax.scenario import CONTINUOUS
+from qocjax.tunables import CONTINUOUS
 
 REPEATS = 15
 CASES = {

@@ -23,7 +23,8 @@ from experiments.dds_testbed.plan import Plan
 from experiments.dds_testbed.radio import compute_times, draw_radio
 from qocjax.network.dds import loop_statistics
 from qocjax.quality import QocScale, qoc
-from qocjax.store import provenance, write_json, written
+from qocjax.store import write_json, written
+from qocjax.store.provenance import provenance
 
 __all__ = ["measure", "run_and_write"]
 

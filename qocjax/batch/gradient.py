@@ -18,7 +18,8 @@ from qocjax.closed_loop import Plan
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
-from qocjax.scenario import CONTINUOUS, Design, Scenario
+from qocjax.scenario import Design, Scenario
+from qocjax.tunables import CONTINUOUS
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,8 +23,9 @@ from qocjax.network.interface import Network, SharedNetwork, general_length
 from qocjax.network.schedule import Rules
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
-from qocjax.scenario import CONTINUOUS, DESIGN, Design, Scenario
+from qocjax.scenario import Design, Scenario
 from qocjax.single import check_start
+from qocjax.tunables import CONTINUOUS, DESIGN
 
 __all__ = ["Drawn", "Measure", "Runner", "metrics"]
 

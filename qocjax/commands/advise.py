@@ -28,7 +28,8 @@ from qocjax.figures.save import save
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
 from qocjax.recorded.text import run_lines
-from qocjax.store import provenance, write_config, write_table, write_text
+from qocjax.store import write_config, write_table, write_text
+from qocjax.store.provenance import provenance
 
 __all__ = ["advice_values", "main", "page", "run"]
 

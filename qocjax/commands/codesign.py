@@ -27,7 +27,8 @@ from qocjax.search.objective import Objective, pilot_scale
 from qocjax.search.pareto import demand_front, worker_front
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import trace_remark
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
 from qocjax.study.capacity import at_once_text
 from qocjax.study.edges import bounds_text
 from qocjax.study.grid import Grid

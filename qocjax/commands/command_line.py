@@ -10,7 +10,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +23,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from qocjax._beside import process_beside
 from qocjax._conf import add_resolver, conf_dir, hydra_base
 from qocjax.commands.help import register_help
 from qocjax.commands.own_folder import own_folder
@@ -49,6 +50,7 @@ class Command:
         short: Options that stand for two others: `path=FILE` for one that is given as it is, and one that takes the
             value, such as `{"path": ("network=trace", "network.path")}`.
         nav2: Whether it takes `nav2=FILE`, a file of Nav2's parameters that stands for options.
+        draws: What a process beside this one imports, to draw figures; `main` takes it as its second argument, or None.
         rewrite: Makes options of other arguments.
     """
 
@@ -56,6 +58,7 @@ class Command:
     schema: str
     short: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     nav2: bool = False
+    draws: str = ""
     rewrite: Callable[[Sequence[str]], list[str]] = list
 
     def model(self) -> type[Part]:
@@ -94,16 +97,18 @@ class Command:
     def _work(self, cfg: DictConfig) -> None:
         if cfg.get("nav2") is not None and "nav2" not in given_options():
             raise ValueError(f"nav2: got {cfg.nav2} from a configuration file, expected it on the command line")
-        cache = _set_up_jax()
-        with no_collection():
-            from qocjax._kept import kept_in
-            from qocjax.commands.claimed import claimed
-            from qocjax.config.part import load  # with JAX, which composing does without
+        drawn = bool(self.draws) and cfg.get("figures") is True
+        with process_beside(self.draws) if drawn else nullcontext() as drawing:  # ready by the time of the first figure
+            cache = _set_up_jax()
+            with no_collection():
+                from qocjax._kept import kept_in
+                from qocjax.commands.claimed import claimed
+                from qocjax.config.part import load  # with JAX, which composing does without
 
-            load(self.model(), cfg)
-            work = import_module(f"qocjax.commands.{self.name}")
-        with kept_in(cache and cache / "traced"), claimed(output_dir(), self.name):
-            work.main(cfg)
+                load(self.model(), cfg)
+                work = import_module(f"qocjax.commands.{self.name}")
+            with kept_in(cache and cache / "traced"), claimed(output_dir(), self.name):
+                work.main(cfg, *([drawing] if self.draws else []))
 
 
 @contextmanager

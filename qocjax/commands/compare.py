@@ -16,9 +16,10 @@ from qocjax.figures.compared import compared
 from qocjax.figures.save import save
 from qocjax.report import write_comparison_report
 from qocjax.statistics.scales import scale_text
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
+from qocjax.study.axes import value_words
 from qocjax.study.comparison import Comparison, compare
-from qocjax.study.grid import value_words
 from qocjax.study.opened import open_sweep
 
 __all__ = ["comparison_text", "main", "run"]

@@ -34,7 +34,8 @@ from qocjax.fleets.tables import (
 from qocjax.quality import QocScale
 from qocjax.report.fleet import write_fleet_report
 from qocjax.statistics.scales import scale_text
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
 from qocjax.store.study_folder import RECORD, study_folder
 from qocjax.study.capacity import overload_texts
 from qocjax.study.chunks import Engine

@@ -30,7 +30,8 @@ from qocjax.recorded.tables import (
 )
 from qocjax.recorded.text import run_lines
 from qocjax.statistics.run_groups import group_table
-from qocjax.store import provenance, write_config, write_json, write_table, write_text
+from qocjax.store import write_config, write_json, write_table, write_text
+from qocjax.store.provenance import provenance
 
 __all__ = ["Ingested", "main", "report", "run"]
 

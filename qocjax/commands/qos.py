@@ -16,7 +16,8 @@ from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import delay_figure, qoc_figure, win_map
 from qocjax.figures.save import save
 from qocjax.statistics.scales import scale_text
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
 from qocjax.transport.qos import QosStudy, qos_study
 
 __all__ = ["main", "run", "text"]

@@ -20,7 +20,8 @@ from qocjax.figures.save import save
 from qocjax.figures.trajectories import trajectories
 from qocjax.navigation import NavigationStack, StaticMap, snapshot
 from qocjax.single import Run
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
 from qocjax.study.replayed import replay
 
 __all__ = ["Shown", "main", "report", "run"]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import sys
-from contextlib import nullcontext
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from omegaconf import DictConfig
 
-from qocjax._beside import process_beside
 from qocjax.commands.command_line import no_collection, output_dir
 from qocjax.commands.resuming import resumed
 from qocjax.config import StudyConfig, load
@@ -23,14 +22,16 @@ if TYPE_CHECKING:
 __all__ = ["main", "run"]
 
 
-def run(config: StudyConfig, folder: Path | None = None, *, quiet: bool = False, beside: bool = False) -> Study:
+def run(
+    config: StudyConfig, folder: Path | None = None, *, quiet: bool = False, drawing: Executor | None = None
+) -> Study:
     """Runs the study of a configuration, or what of it the folder does not hold yet.
 
     Args:
         config: What to simulate.
         folder: Where chunks, tables, figures and the record go; None keeps all in memory.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
-        beside: Draw half of the figures in a process of its own; see `process_beside`, for which programs.
+        drawing: A process that draws half of the figures, from `process_beside`.
 
     Raises:
         ValueError: A value of the configuration is out of range, or the folder holds another study.
@@ -38,18 +39,16 @@ def run(config: StudyConfig, folder: Path | None = None, *, quiet: bool = False,
     """
     problem, grid = config.build_problem(), config.build_grid()
     room = config.build_map()
-    several = beside and folder is not None and config.figures
-    with process_beside("qocjax.figures.study") if several else nullcontext() as drawing:
-        with no_collection():  # takes as long as JAX: after what may refuse
-            from qocjax.commands.sweep_work import note, simulated, written
+    with no_collection():  # takes as long as JAX: after what may refuse
+        from qocjax.commands.sweep_work import note, simulated, written
 
-        for text in config.beyond():
-            note(text)
-        if (remark := config.rate_remark(problem.network, float(np.min(problem.designs.tau)))) is not None:
-            note(remark)
-        if folder is None:
-            return simulated(config, problem, grid, None, quiet)
-        return written(config, problem, grid, room, folder, quiet, drawing)
+    for text in config.beyond():
+        note(text)
+    if (remark := config.rate_remark(problem.network, float(np.min(problem.designs.tau)))) is not None:
+        note(remark)
+    if folder is None:
+        return simulated(config, problem, grid, None, quiet)
+    return written(config, problem, grid, room, folder, quiet, drawing)
 
 
 def _hanging_text(study: Study, config: StudyConfig) -> str:
@@ -59,13 +58,13 @@ def _hanging_text(study: Study, config: StudyConfig) -> str:
     return hanging_of(config.build_problem(), list(dict.fromkeys(study.results["sweep"]))).text
 
 
-def main(cfg: DictConfig) -> None:
-    """Command line."""
+def main(cfg: DictConfig, drawing: Executor | None = None) -> None:
+    """Command line; `drawing` draws half of the figures."""
     folder = output_dir()
     asked = load(StudyConfig, cfg)
     config = resumed(asked, asked.resume, folder, FREE)
     try:
-        study = run(config, folder, beside=True)
+        study = run(config, folder, drawing=drawing)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"resume={folder} goes on") from None
     from qocjax.commands.sweep_page import page

@@ -12,9 +12,9 @@ from qocjax.network import Network
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import study_remark
 from qocjax.study import Study
+from qocjax.study.axes import value_words
 from qocjax.study.choosing import least_seeds, moved_by_limit
 from qocjax.study.edges import edges_text
-from qocjax.study.grid import value_words
 from qocjax.study.reliability import share_text
 from qocjax.study.ties import tie_lines
 

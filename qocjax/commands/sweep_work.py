@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from concurrent.futures import Executor, ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,15 +14,12 @@ from tqdm import tqdm
 
 from qocjax.config import StudyConfig
 from qocjax.config.scale import yardstick
-from qocjax.figures.study import draw_study
-from qocjax.navigation import StaticMap
-from qocjax.report import study_page, write_study_report
 from qocjax.scenario import Design
 from qocjax.single import Run
 from qocjax.statistics.units import units_in
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
 from qocjax.store.files import digest_of
-from qocjax.store.provenance import change_of
+from qocjax.store.provenance import change_of, provenance
 from qocjax.store.study_folder import RECORD, ChunkFolder, study_folder
 from qocjax.study import Study, replay
 from qocjax.study.arrays import check_arrays, write_arrays
@@ -37,6 +35,8 @@ from qocjax.study.table import column_units, sound
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from qocjax.navigation import StaticMap
 
 __all__ = ["note", "simulated", "written"]
 
@@ -65,7 +65,11 @@ def written(
         check_arrays()
     with study_folder(folder, config.identity(), problem.data(), note) as chunks:
         write_config(folder, config.model_dump())
-        study = simulated(config, problem, grid, chunks, quiet)
+        with ThreadPoolExecutor(1) as aside:
+            for shown, module in ((config.figures, "qocjax.figures.study"), (config.report, "qocjax.report")):
+                if shown:
+                    aside.submit(import_module, module)  # takes as long as JAX, and meanwhile the cores simulate
+            study = simulated(config, problem, grid, chunks, quiet)
         for text in change_of(study.made_with):
             note(text)
         digests = _write_tables(study, folder)
@@ -74,6 +78,8 @@ def written(
         with ThreadPoolExecutor(1) as aside:  # most of a report is compiling what runs the replays
             reported = aside.submit(_write_report, study, problem, room, folder) if config.report else None
             if config.figures:
+                from qocjax.figures.study import draw_study
+
                 draw_study(*sound(study.results, study.policies), lambda: representative_run(study, config, problem),
                            folder / "figures", drawing, config.max_collision_share)  # fmt: skip
             if reported is not None:
@@ -88,6 +94,8 @@ def note(text: str) -> None:
 
 
 def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder: Path) -> None:
+    from qocjax.report import study_page, write_study_report
+
     page = study_page(folder.resolve().name, study, problem, policy_runs(study, problem), room)
     write_study_report(folder / "report.html", page)
 

@@ -19,7 +19,8 @@ from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.search.objective import Objective, pilot_scale
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import trace_remark
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
 from qocjax.study.edges import bounds_text
 from qocjax.study.reliability import share_text
 from qocjax.tuning import Slopes, Tuning, tune

@@ -24,7 +24,8 @@ from qocjax.network.interface import Network
 from qocjax.recorded import find_runs
 from qocjax.scenario import num_ticks
 from qocjax.statistics.units import trace_remark
-from qocjax.store import provenance, write_config, write_json, write_table
+from qocjax.store import write_config, write_json, write_table
+from qocjax.store.provenance import provenance
 from qocjax.study.reliability import load_of
 from qocjax.validation import (
     Curve,

@@ -10,8 +10,7 @@ from pydantic import BeforeValidator
 
 from qocjax.config.options import flat
 from qocjax.config.simulation import SimulationConfig
-from qocjax.scenario import CONTINUOUS
-from qocjax.tunables import design_name
+from qocjax.tunables import CONTINUOUS, design_name
 
 __all__ = ["Bounds", "built_bounds"]
 

@@ -20,8 +20,8 @@ from qocjax.controllers import Controller
 from qocjax.navigation import StaticMap
 from qocjax.network import Network, faster_than_measured
 from qocjax.network.schedule import Rules
-from qocjax.scenario import DESIGN, Design, Scenario
-from qocjax.tunables import LOOP, NETWORK, ROBOT, Tunable, by_name
+from qocjax.scenario import Design, Scenario
+from qocjax.tunables import DESIGN, LOOP, NETWORK, ROBOT, Tunable, by_name
 
 __all__ = ["SimulationConfig"]
 

@@ -13,9 +13,9 @@ from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.quality import QocScale
-from qocjax.scenario import DESIGN, Design
+from qocjax.scenario import Design
 from qocjax.study.grid import Grid, full_grid, one_at_a_time
-from qocjax.tunables import design_name
+from qocjax.tunables import DESIGN, design_name
 
 __all__ = ["SweptConfig"]
 

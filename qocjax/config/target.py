@@ -11,8 +11,8 @@ from typing import Any
 
 from qocjax.controllers import Controller
 from qocjax.controllers.trial import failure_text
-from qocjax.scenario import CONTINUOUS
 from qocjax.store.sources import source_of
+from qocjax.tunables import CONTINUOUS
 
 __all__ = ["GAINS", "class_of", "law_of"]
 

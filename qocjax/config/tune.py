@@ -14,8 +14,7 @@ from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
 from qocjax.controllers import Controller
 from qocjax.quality import QocScale
-from qocjax.scenario import CONTINUOUS
-from qocjax.tunables import design_name
+from qocjax.tunables import CONTINUOUS, design_name
 from qocjax.tuning import Search, Smoothed, make_estimator
 
 __all__ = ["TuneConfig"]

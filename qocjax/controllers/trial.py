@@ -16,7 +16,8 @@ from qocjax._math import EXACT
 from qocjax.controllers.interface import Controller, Sight, Task
 from qocjax.controllers.rolled import PlanMaker
 from qocjax.robots import Command, Pose, Robot, Unicycle
-from qocjax.scenario import CONTINUOUS, DESIGN, Design
+from qocjax.scenario import Design
+from qocjax.tunables import CONTINUOUS, DESIGN
 
 __all__ = ["failure_text", "try_out"]
 

@@ -22,9 +22,9 @@ from matplotlib.patches import Circle, Patch, Rectangle
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike, NDArray
 
+from qocjax.cost_values import FREE, INSCRIBED, LETHAL, UNKNOWN
 from qocjax.figures.plane import GOAL, Colour, GridLike, colours_of, draw_body, draw_cells, levels
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, GREY, paper_style
-from qocjax.navigation.maps import FREE, INSCRIBED, LETHAL, UNKNOWN
 
 __all__ = ["CostmapView", "costmap_layers_figure", "costmaps"]
 

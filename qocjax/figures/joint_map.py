@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from qocjax.figures.quantities import milliseconds, parameter
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, POLICIES, paper_style
 from qocjax.figures.tables import check_table, policy_rows, sweep_rows
-from qocjax.study.grid import axes_of
+from qocjax.study.axes import axes_of
 
 if TYPE_CHECKING:
     import pandas as pd

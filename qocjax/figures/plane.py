@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from numpy.typing import ArrayLike, NDArray
 
+from qocjax.cost_values import FREE, LETHAL, UNKNOWN
 from qocjax.figures.style import OKABE_ITO, sequence
-from qocjax.navigation.maps import FREE, LETHAL, UNKNOWN
 
 __all__ = [
     "GOAL",

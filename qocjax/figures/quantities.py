@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from qocjax.scenario import DESIGN
-from qocjax.study.grid import axes_of, is_joint, values_of
+from qocjax.study.axes import axes_of, is_joint, values_of
+from qocjax.tunables import DESIGN
 from qocjax.units import unit_of
 
 __all__ = [

@@ -16,7 +16,7 @@ from qocjax.figures.policy_bars import policy_bars
 from qocjax.figures.qoc_map import qoc_map
 from qocjax.figures.quantities import short_name
 from qocjax.figures.trajectories import RunLike, trajectories
-from qocjax.study.grid import axes_of, is_joint
+from qocjax.study.axes import axes_of, is_joint
 
 if TYPE_CHECKING:
     import pandas as pd

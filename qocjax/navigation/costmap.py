@@ -20,8 +20,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from qocjax import _checks
+from qocjax.cost_values import FREE, INSCRIBED, LETHAL, UNKNOWN
 from qocjax.navigation.grid import Grid
-from qocjax.navigation.maps import FREE, INSCRIBED, LETHAL, UNKNOWN, StaticMap
+from qocjax.navigation.maps import StaticMap
 from qocjax.scenario import _pytree
 
 __all__ = ["Inflation", "Layers", "Obstacles", "StaticLayer", "check_free", "costmap_layers", "influence", "layers_at",

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, Protocol
 import jax.numpy as jnp
 from jax import Array, lax
 
+from qocjax.cost_values import INSCRIBED, LETHAL
 from qocjax.navigation.local_path import LocalPath, MapCosts
-from qocjax.navigation.maps import INSCRIBED, LETHAL
 
 __all__ = [
     "COLLISION",

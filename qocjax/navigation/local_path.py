@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from qocjax.cost_values import UNKNOWN
 from qocjax.navigation.grid import Grid
-from qocjax.navigation.maps import UNKNOWN
 
 __all__ = ["LocalPath", "MapCosts", "local_path"]
 

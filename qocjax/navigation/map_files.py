@@ -10,8 +10,9 @@ import numpy as np
 
 from qocjax import _checks
 from qocjax._reading import check_regular, read_text, told
+from qocjax.cost_values import FREE, LETHAL, UNKNOWN
 from qocjax.navigation.grid import Grid
-from qocjax.navigation.maps import FREE, LETHAL, UNKNOWN, StaticMap
+from qocjax.navigation.maps import StaticMap
 
 __all__ = ["read_map"]
 

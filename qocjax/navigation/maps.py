@@ -8,15 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from qocjax import _checks
+from qocjax.cost_values import FREE, LETHAL, UNKNOWN
 from qocjax.navigation.grid import Grid
 
-__all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Disc", "Rectangle", "StaticMap", "map_of_shapes"]
-
-# Nav2's scale of costs (nav2_costmap_2d/cost_values.hpp). From INSCRIBED on, a round robot's centre may not be there.
-FREE = 0
-INSCRIBED = 253
-LETHAL = 254
-UNKNOWN = 255
+__all__ = ["Disc", "Rectangle", "StaticMap", "map_of_shapes"]
 
 _HALF = 0.5 - 1e-9  # of a cell; a shape that only touches an edge does not reach beyond it
 

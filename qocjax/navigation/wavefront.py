@@ -27,9 +27,9 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from qocjax import _checks
+from qocjax.cost_values import INSCRIBED, UNKNOWN
 from qocjax.navigation._batches import over_maps
 from qocjax.navigation.grid import Grid
-from qocjax.navigation.maps import INSCRIBED, UNKNOWN
 from qocjax.scenario import _pytree
 
 __all__ = ["ROOT2", "Planner", "cost_to_go", "nearest_usable", "price_of"]

@@ -29,7 +29,7 @@ from qocjax.report.page import Section, details, facts, render, write
 from qocjax.report.parts import chart_place
 from qocjax.report.replay import replay_data
 from qocjax.report.stages import replay_html
-from qocjax.store import provenance
+from qocjax.store.provenance import provenance
 from qocjax.study.capacity import at_once_text
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, share_text

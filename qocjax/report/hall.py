@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from qocjax.navigation.maps import LETHAL, UNKNOWN, StaticMap
+from qocjax.cost_values import LETHAL, UNKNOWN
+from qocjax.navigation.maps import StaticMap
 
 __all__ = ["HallMap", "hall_map"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from qocjax.figures.quantities import parameter
 from qocjax.report.html import escape, number
-from qocjax.study.grid import axes_of, is_joint, values_of
+from qocjax.study.axes import axes_of, is_joint, values_of
 
 __all__ = [
     "DEADLINE", "MARKERS", "RELIABILITY", "choice_words", "label", "name_of", "symbol", "unit", "value_cell",

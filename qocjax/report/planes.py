@@ -10,7 +10,7 @@ from qocjax.figures.joint_map import plane_at
 from qocjax.report.charts import axis, colour_scale, layout
 from qocjax.report.html import number
 from qocjax.report.labels import MARKERS, label, symbol, value_text, values_words
-from qocjax.study.grid import axes_of
+from qocjax.study.axes import axes_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,7 +21,7 @@ from qocjax.report.policies import headline, limit_notes, policies_table
 from qocjax.report.replay import Replay, replay_data
 from qocjax.report.stages import replay_html
 from qocjax.report.sweeps import auc_chart, auc_legend, qoc_chart
-from qocjax.study.grid import is_joint
+from qocjax.study.axes import is_joint
 from qocjax.study.hanging import Hanging
 from qocjax.study.ties import tie_lines
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from qocjax.cost_values import FREE, INSCRIBED, LETHAL, UNKNOWN
 from qocjax.navigation.grid import Grid
-from qocjax.navigation.maps import FREE, INSCRIBED, LETHAL, UNKNOWN
 
 __all__ = ["diagnostics", "grid", "odometry", "path", "pose", "pose_with_covariance", "store", "transforms", "twist"]
 

@@ -12,9 +12,10 @@ from scipy import stats
 from scipy.stats import qmc
 
 from qocjax import _checks
-from qocjax.scenario import CONTINUOUS, Design
+from qocjax.scenario import Design
 from qocjax.search.objective import Objective
 from qocjax.statistics.estimates import relative
+from qocjax.tunables import CONTINUOUS
 
 __all__ = ["Box", "elasticities", "sobol"]
 

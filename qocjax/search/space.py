@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from qocjax import _checks
-from qocjax.scenario import CONTINUOUS, Design
+from qocjax.scenario import Design
 from qocjax.study.edges import at_bounds
+from qocjax.tunables import CONTINUOUS
 
 __all__ = ["Space"]
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qocjax.scenario import DESIGN, Design
+from qocjax.scenario import Design
+from qocjax.tunables import DESIGN
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,8 +14,8 @@ from qocjax.statistics.estimates import Estimate, estimate, standard_error
 from qocjax.statistics.scales import StudyScale, measured_scale
 from qocjax.statistics.scores import Scored, Scores, seed_scores, unpaired_scores
 from qocjax.statistics.units import units_in
+from qocjax.study.axes import axes_of, is_joint
 from qocjax.study.chosen import design_of, place_of
-from qocjax.study.grid import axes_of, is_joint
 from qocjax.study.study import Study
 from qocjax.study.table import names_in
 

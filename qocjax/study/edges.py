@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qocjax.study.grid import axes_of, is_joint
+from qocjax.study.axes import axes_of, is_joint
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from qocjax import _checks
 from qocjax.scenario import Design
 
-__all__ = ["SWEPT", "Grid", "axes_of", "full_grid", "is_joint", "one_at_a_time", "value_words", "values_of"]
+__all__ = ["SWEPT", "Grid", "full_grid", "one_at_a_time"]
 
 SWEPT = ("v_max", "eta", "tau", "kappa", "gamma", "c_miss")
 
@@ -31,32 +30,6 @@ class Grid:
         """Row numbers of one sweep, [values, deadlines]."""
         members = np.flatnonzero(self.sweep == sweep)
         return members.reshape(len(np.unique(self.value[members])), -1)
-
-
-def axes_of(sweep: str) -> tuple[str, ...]:
-    """The parameters that a sweep varies: one, or with `kappa,gamma` each of them."""
-    return tuple(sweep.split(","))
-
-
-def is_joint(sweep: str) -> bool:
-    """Whether a sweep varies several parameters at once."""
-    return len(axes_of(sweep)) > 1
-
-
-def values_of(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """The values of what its sweep varies in a row of results or policies, by parameter.
-
-    Args:
-        row: With its sweep and the column `value`, or a column for each of several parameters.
-        prefix: Of these columns.
-    """
-    axes = axes_of(str(row["sweep"]))
-    return {axis: row[f"{prefix}{'value' if len(axes) == 1 else axis}"] for axis in axes}
-
-
-def value_words(row: Mapping[str, Any], prefix: str = "") -> str:
-    """The value of a row for a reader, see `values_of`; of several parameters each one's, in their order."""
-    return ", ".join(f"{value:g}" for value in values_of(row, prefix).values())
 
 
 def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadlines: Sequence[float]) -> Grid:

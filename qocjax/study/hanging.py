@@ -20,8 +20,9 @@ from qocjax.controllers import Apf
 from qocjax.network import kth_5g_network, paper_network
 from qocjax.network.edge import Edge
 from qocjax.network.schedule import Rules
-from qocjax.scenario import DESIGN, Design, Scenario
+from qocjax.scenario import Design, Scenario
 from qocjax.study.problem import Problem
+from qocjax.tunables import DESIGN
 
 __all__ = ["Hanging", "departures", "hanging_of"]
 

@@ -11,9 +11,9 @@ import pandas as pd
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import estimate, share
 from qocjax.statistics.scores import Scores
+from qocjax.study.axes import axes_of, is_joint
 from qocjax.study.choosing import Pick
 from qocjax.study.edges import edges_of
-from qocjax.study.grid import axes_of, is_joint
 from qocjax.study.parts import PartRuns
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
 from qocjax.scenario import Design, Scenario, num_ticks
 from qocjax.single import Run, simulate
+from qocjax.study.axes import values_of
 from qocjax.study.chosen import design_of, place_of
-from qocjax.study.grid import values_of
 from qocjax.study.problem import Problem
 from qocjax.study.replayed import replay
 from qocjax.study.study import Study

@@ -15,7 +15,7 @@ from qocjax._card import card
 from qocjax.batch.evaluate import unit_of
 from qocjax.quality import QocScale, qoc
 from qocjax.store.gathered import worked_out
-from qocjax.study.grid import axes_of, value_words
+from qocjax.study.axes import axes_of, value_words
 from qocjax.study.table import names_in
 
 __all__ = ["Study"]

@@ -9,8 +9,9 @@ import numpy as np
 
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import standard_error, student
+from qocjax.study.axes import axes_of, value_words
 from qocjax.study.choosing import Pick
-from qocjax.study.grid import Grid, axes_of, value_words
+from qocjax.study.grid import Grid
 from qocjax.study.table import qoc_by_seed
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from qocjax import _checks
-from qocjax.scenario import CONTINUOUS
+from qocjax.tunables import CONTINUOUS
 
 __all__ = ["DEFAULT_BOUNDS", "Bounds"]
 
