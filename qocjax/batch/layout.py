@@ -24,8 +24,11 @@ __all__ = ["LANES", "Batch", "Group", "batches_of", "groups_of"]
 LANES = 32
 
 # Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
-# all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
-_WORTH_A_PROGRAM = 1e8
+# all sampling periods run on a few general programs, whose ticks beyond the horizon have no length. A second of a core
+# at most, which a program takes twice to compile.
+_WORTH_A_PROGRAM = 4e8
+
+_FEW_SLOTS = 16  # of the command buffer, up to which a power of two costs nothing and serves many deadlines
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def groups_of(
     for period in np.unique(tau):
         limits, ticks = np.unique(deadline[tau == period]), num_ticks(horizon, period)
         splits = [split_deadline(np.float64(limit), np.float64(period)) for limit in limits]
-        slots = 1 if rules.actuation == "instant" else min(max(int(lag) for lag, _ in splits), ticks) + 2
+        slots = 1 if rules.actuation == "instant" else _slots(min(max(int(lag) for lag, _ in splits), ticks))
         for limit, (lag, rest) in zip(limits, splits, strict=True):
             chosen = np.flatnonzero((tau == period) & (deadline == limit))
             inside = rules.actuation == "deadline" and float(rest) > 0
@@ -135,14 +138,22 @@ def batches_of(
 def _rows(num_designs: int, most: int, general: bool) -> int:
     """Designs of a batch: parts of equal size where several are needed; fewer are filled up, so that shapes recur.
 
-    Up to a power of four where programs are shared and the work is little, else by a third at most.
+    Where programs are shared and the work is little, up to a power of four, or to three quarters of a whole batch; else
+    by a third at most.
     """
     parts = -(-num_designs // most)
     if parts > 1:
-        return -(-num_designs // parts)
+        rows = -(-num_designs // parts)
+        return (most * 3 // 4 if 4 * rows <= 3 * most else most) if general and most >= 4 else rows
     power = _next_power(num_designs, 4 if general else 2)
     snug = power * 3 // 4
     return min(most, snug if not general and power >= 4 and num_designs <= snug else power)
+
+
+def _slots(lag: int) -> int:
+    """Capacity of a command buffer for commands that wait up to `lag` sampling periods."""
+    least = lag + 2
+    return _next_power(least, 2) if least <= _FEW_SLOTS else least
 
 
 def _next_power(value: int, base: int) -> int:
