@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-__all__ = ["names_of", "special"]
+__all__ = ["names_of", "special", "stats"]
 
 
 def names_of(
@@ -37,7 +37,14 @@ def names_of(
 
 
 def special() -> Any:
-    """`scipy.special`; a quarter of what JAX takes (`scipy.stats` takes as long as JAX)."""
+    """`scipy.special`; a quarter of what JAX takes."""
     from scipy import special
 
     return special
+
+
+def stats() -> Any:
+    """`scipy.stats`, which takes as long as JAX; a configuration needs none."""
+    from scipy import stats
+
+    return stats

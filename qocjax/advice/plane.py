@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 import xarray as xr
-from scipy import stats
 
 from qocjax import _checks
 from qocjax.advice.reaching import NONE_ABOVE, Bound, bound_of, last_reached, reach
@@ -17,7 +16,7 @@ from qocjax.advice.target import Target, collision_excess
 from qocjax.network import Constant, IndependentLoss, Leg, LoopNetwork
 from qocjax.scenario import Design
 from qocjax.search.objective import Objective
-from qocjax.statistics.estimates import Estimate, share
+from qocjax.statistics.estimates import Estimate, share, standard_error
 from qocjax.statistics.scores import Scores
 
 __all__ = ["Plane", "delay_reliability_plane", "largest_delay", "smallest_reliability"]
@@ -50,8 +49,7 @@ class Plane:
     def to_table(self) -> pd.DataFrame:
         """One row per cell: delay (s), reliability, qoc, its standard error, collision share with its interval."""
         reliability, delay = np.meshgrid(self.reliability, self.delay, indexing="ij")
-        se = stats.sem(self.scores, axis=-1)
-        cells = {"delay": delay, "reliability": reliability, "qoc": self.qoc, "qoc_se": se}
+        cells = {"delay": delay, "reliability": reliability, "qoc": self.qoc, "qoc_se": standard_error(self.scores)}
         table = pd.DataFrame({name: values.ravel() for name, values in cells.items()})
         for end, name in (("mean", "share"), ("low", "low"), ("high", "high")):
             table[f"collision_{name}"] = [getattr(each, end) for each in self.close]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import qmc
 
+from qocjax._lazy import stats
 from qocjax.search.trial import Trial
 
 __all__ = ["sobol_halving"]
@@ -25,7 +25,7 @@ def sobol_halving(trial: Trial) -> None:
     while True:
         each = sum((2 / _KEPT) ** rung for rung in range(_RUNGS)) * trial.block
         count = max(1, int(trial.left / each))
-        sampler = qmc.Sobol(trial.problem.space.dim, scramble=True, seed=trial.rng)
+        sampler = stats().qmc.Sobol(trial.problem.space.dim, scramble=True, seed=trial.rng)
         points = sampler.random_base2(int(np.ceil(np.log2(count))))[:count]
         _halve(trial, points)
 

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
-from scipy.stats import qmc
 
 from qocjax import _checks
+from qocjax._lazy import stats
 from qocjax.scenario import Design
 from qocjax.search.objective import Objective
 from qocjax.statistics.estimates import relative
@@ -55,7 +54,7 @@ class Box:
         size = _checks.count("points", count)
         if size & (size - 1):
             raise ValueError(f"points: got {size}, expected a power of two, at which Sobol points are balanced")
-        return qmc.Sobol(len(self.bounds) + extra, rng=rng).random(size)
+        return stats().qmc.Sobol(len(self.bounds) + extra, rng=rng).random(size)
 
 
 def elasticities(
@@ -134,7 +133,7 @@ def sobol(
     scores = mean_qoc(np.concatenate([a, b, *mixed])).reshape(len(names) + 2, points)
     if np.ptp(scores[:2]) <= 0:
         raise ValueError("bounds: QoC is the same all over the box, expected one that varies")
-    found = stats.sobol_indices(func={"f_A": scores[:1], "f_B": scores[1:2], "f_AB": scores[2:, None]}, n=points)
+    found = stats().sobol_indices(func={"f_A": scores[:1], "f_B": scores[1:2], "f_AB": scores[2:, None]}, n=points)
     # SciPy's own bootstrap divides by zero for a parameter without any effect; the percentile one does not.
     spread = _indices(scores[:, rng.integers(points, size=(_RESAMPLES, points))])
     table: dict[str, Any] = {"parameter": names}
