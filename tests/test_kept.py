@@ -140,7 +140,8 @@ def test_content_tells_values_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    "value", [Outside(), lambda: 0, np.sort, object(), (1, Outside()), test_content_tells_values_apart]
+    "value",
+    [Outside(), lambda: 0, np.sort, object(), (1, Outside()), test_content_tells_values_apart, jax.random.key(0)],
 )
 def test_what_no_content_tells_is_not_kept(value: Any, folder: Path) -> None:
     with pytest.raises(UntoldError):

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from qocjax import Design, Scenario, evaluate
+from qocjax._kept import kept_in
 from qocjax.commands.qos import run, text
 from qocjax.config import conf_dir, load
 from qocjax.config.qos import QosConfig
@@ -191,7 +192,8 @@ def test_the_map_wants_its_columns(study: QosStudy) -> None:
 
 def test_the_command_writes_what_it_says(composer: None, tmp_path: Path) -> None:
     config = load(QosConfig, compose("qos", SMALL))
-    study = run(config, tmp_path, quiet=True)
+    with kept_in(tmp_path / "traced"):  # as on the command line
+        study = run(config, tmp_path, quiet=True)
     assert {path.stem for path in (tmp_path / "figures").glob("*.png")} == {"qoc", "delay", "map"}
     table = pd.read_csv(tmp_path / "results.csv")
     assert len(table) == 2 * 2 * 2 and set(table["profile"]) == {"BEST_EFFORT", "RELIABLE_10"}
