@@ -15,6 +15,7 @@ import numpy as np
 from jax.typing import ArrayLike, DTypeLike
 
 from qocjax import _checks
+from qocjax._pieces import kept_each
 from qocjax._xla import num_workers
 from qocjax.batch.ahead import side_by_side
 from qocjax.batch.layout import Batch, batches_of, groups_of
@@ -140,7 +141,8 @@ def run_grid(
     work = [group for group in chosen if len(group.designs)]
     batches = batches_of(work, len(numbers), scenario.num_robots, max_runs, snug=controller.costly)
     results: dict[str, np.ndarray] = {}
-    for batch, found in _in_parallel(runner.run, batches, pool):
+    values = scenario, grid, rows, network, numbers, measure, rules, key, width.str, max_runs, in_blocks, controller
+    for batch, found in kept_each(values, batches, lambda some: _in_parallel(runner.run, some, pool)):
         _put(results, (len(rows), len(numbers)), batch, np.searchsorted(rows, batch.designs), found)
         if progress is not None:
             progress(batch.num_designs * batch.num_seeds * scenario.num_robots * batch.group.ticks)
@@ -229,10 +231,17 @@ def _in_parallel(
     workers, source = num_workers(), iter(batches)
     first = list(islice(source, 2))
     if len(first) == 1:
-        yield first[0], run(first[0])
+        yield first[0], _real(first[0], run(first[0]))
         return
     with nullcontext(pool) if pool else ThreadPoolExecutor(workers) as threads:
-        yield from side_by_side(run, chain(first, source), threads, 2 * workers)
+        for batch, found in side_by_side(run, chain(first, source), threads, 2 * workers):
+            yield batch, _real(batch, found)
+
+
+def _real(batch: Batch, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of a batch without what fills it up, [designs, seeds] or [designs, seeds, N]."""
+    moved = {name: np.moveaxis(values, 0, -1) if values.ndim == 3 else values for name, values in found.items()}
+    return {name: values[: batch.num_designs, : batch.num_seeds] for name, values in moved.items()}
 
 
 def _put(
@@ -242,13 +251,11 @@ def _put(
     designs: np.ndarray,
     found: dict[str, np.ndarray],
 ) -> None:
-    """Writes the real rows and lanes of a batch to their places in [G, S] or [G, S, N]."""
-    rows, lanes = batch.num_designs, batch.num_seeds
-    place = np.ix_(designs[:rows], batch.seeds[:lanes])
+    """Writes what a batch found to its places in [G, S] or [G, S, N]."""
+    place = np.ix_(designs[: batch.num_designs], batch.seeds[: batch.num_seeds])
     for name, values in found.items():
-        real = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
-        whole = results.setdefault(name, np.empty((*shape, *real.shape[2:]), real.dtype))
-        whole[place] = real[:rows, :lanes]
+        whole = results.setdefault(name, np.empty((*shape, *values.shape[2:]), values.dtype))
+        whole[place] = values
 
 
 def _labelled(

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from qocjax.store.lock import locked
-from qocjax.store.study_folder import command_of
+from qocjax.store.study_folder import CHUNKS, STUDY, command_of
 
 __all__ = ["claimed"]
 
@@ -50,9 +50,10 @@ def claimed(folder: Path, command: str) -> Iterator[None]:
 
 
 def _files(folder: Path) -> dict[str, int]:
-    """When each file was last changed, by its name in the folder."""
+    """When each file was last changed, by its name in the folder; without what work goes on with."""
     found = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
-    return {str(path.relative_to(folder)): path.stat().st_mtime_ns for path in found}
+    names = {path.relative_to(folder): path for path in found}
+    return {str(name): path.stat().st_mtime_ns for name, path in names.items() if name.parts[0] not in (CHUNKS, STUDY)}
 
 
 def _read(path: Path) -> list[str]:

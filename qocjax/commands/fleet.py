@@ -16,10 +16,9 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax.commands.command_line import output_dir
-from qocjax.commands.resuming import resumed
+from qocjax.commands.resuming import note, resumed
 from qocjax.config import load
 from qocjax.config.fleet import FleetConfig
-from qocjax.config.study import FREE
 from qocjax.figures.fleet import draw_fleet
 from qocjax.fleets import Asked, Point, point_of
 from qocjax.fleets.tables import (
@@ -105,7 +104,7 @@ class _Runner:
         shares = reliability_of(problem.network, problem.scenario, problem.designs.deadline, problem.designs.tau).share
         least = min(self.config.fleet.min_reliability, float(shares.max()))
         place = None if self.folder is None else self.folder / PARTS / task.name
-        with study_folder(place, config.identity(), problem.data(), _note) if place else nullcontext() as shelf:
+        with study_folder(place, config.identity(), problem.data(), note) if place else nullcontext() as shelf:
             found = study_of(
                 problem, grid, *config.seeds(), min_reliability=least, scale=scale or config.scale(),
                 max_collision_share=config.max_collision_share, shelf=shelf,
@@ -127,9 +126,9 @@ def run(config: FleetConfig, folder: Path | None = None, *, quiet: bool = False)
         OSError: The folder cannot be written, or the disk is full.
     """
     config.check()
-    outer = study_folder(folder, config.identity(), "", _note) if folder else nullcontext()
+    outer = study_folder(folder, config.identity(), "", note) if folder else nullcontext()
     bar = tqdm(total=_studies(config), desc="fleets", file=sys.stderr, disable=True if quiet else None)
-    with outer, bar, config.engine.open(_note) as engine:
+    with outer, bar, config.engine.open(note) as engine:
 
         def told(name: str) -> None:
             bar.set_postfix_str(name)
@@ -207,12 +206,8 @@ def _warn(runs: Runs, deadline: float) -> None:
     for robots, (study, problem) in runs.items():
         load = load_of(problem.scenario, float(study.results["tau"].iloc[0]))
         if texts := overload_texts(problem.network, load, deadline):
-            _note(f"{robots} robots: " + "; ".join(texts))
+            note(f"{robots} robots: " + "; ".join(texts))
             return
-
-
-def _note(text: str) -> None:
-    tqdm.write(f"note: {text}", file=sys.stderr)
 
 
 def fleet_text(study: FleetStudy) -> str:
@@ -259,12 +254,8 @@ def _write(study: FleetStudy, config: FleetConfig, runs: Runs, folder: Path) -> 
 def main(cfg: DictConfig) -> None:
     """Command line."""
     folder = output_dir()
-    asked = load(FleetConfig, cfg)
-    config = resumed(asked, asked.resume, folder, FREE)
-    try:
-        study = run(config, folder)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"resume={folder} goes on") from None
+    config = resumed(load(FleetConfig, cfg), folder)
+    study = run(config, folder)
     print(fleet_text(study))
     print(f"\n{scale_text(study.scale, 'given' if config.scale() else 'of the first fleet', True)}")
     print(f"Tables, figures and the record are in {folder}")

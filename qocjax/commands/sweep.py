@@ -11,9 +11,8 @@ import numpy as np
 from omegaconf import DictConfig
 
 from qocjax.commands.command_line import no_collection, output_dir
-from qocjax.commands.resuming import resumed
+from qocjax.commands.resuming import note, resumed
 from qocjax.config import StudyConfig, load
-from qocjax.config.study import FREE
 from qocjax.store.study_folder import read_record
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ def run(
     problem, grid = config.build_problem(), config.build_grid()
     room = config.build_map()
     with no_collection():  # takes as long as JAX: after what may refuse
-        from qocjax.commands.sweep_work import note, simulated, written
+        from qocjax.commands.sweep_work import simulated, written
 
     for text in config.beyond():
         note(text)
@@ -61,12 +60,8 @@ def _hanging_text(study: Study, config: StudyConfig) -> str:
 def main(cfg: DictConfig, drawing: Executor | None = None) -> None:
     """Command line; `drawing` draws half of the figures."""
     folder = output_dir()
-    asked = load(StudyConfig, cfg)
-    config = resumed(asked, asked.resume, folder, FREE)
-    try:
-        study = run(config, folder, drawing=drawing)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"resume={folder} goes on") from None
+    config = resumed(load(StudyConfig, cfg), folder)
+    study = run(config, folder, drawing=drawing)
     from qocjax.commands.sweep_page import page
 
     computations = read_record(folder)["computations_at_once"]

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
+from qocjax.commands.resuming import note
 from qocjax.config import StudyConfig
 from qocjax.config.scale import yardstick
 from qocjax.scenario import Design
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
     from qocjax.navigation import StaticMap
 
-__all__ = ["note", "simulated", "written"]
+__all__ = ["simulated", "written"]
 
 
 def written(
@@ -86,11 +87,6 @@ def written(
                 reported.result()
         _write_record(study, config, problem, digests, chunks.owner, folder)
     return study
-
-
-def note(text: str) -> None:
-    """Tells on standard error what a user should know, beside the progress bar."""
-    tqdm.write(f"note: {text}", file=sys.stderr)
 
 
 def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder: Path) -> None:

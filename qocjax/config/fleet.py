@@ -12,11 +12,12 @@ from qocjax.config.cell import CellConfig
 from qocjax.config.controller import ControllerConfig
 from qocjax.config.delay import EdgeConfig
 from qocjax.config.engine import EngineConfig
+from qocjax.config.kept import KeptConfig
 from qocjax.config.network import NetworkConfig
 from qocjax.config.part import Part
 from qocjax.config.robot import RobotConfig
 from qocjax.config.simulation import LoopConfig, ReferenceConfig, ScenarioConfig
-from qocjax.config.study import FREE, StudyConfig
+from qocjax.config.study import StudyConfig
 from qocjax.fleets.layout import Layout
 from qocjax.fleets.limits import Asked
 from qocjax.fleets.point import BEST
@@ -67,7 +68,7 @@ class FleetOptions(Part):
     steps: bool
 
 
-class FleetConfig(Part):
+class FleetConfig(KeptConfig):
     """Everything that `python -m qocjax.fleet` reads."""
 
     robot: RobotConfig
@@ -80,7 +81,6 @@ class FleetConfig(Part):
     figures: bool
     report: bool
     chunk_steps: Annotated[float, Field(gt=0)]
-    resume: str | None
 
     usual_discipline: ClassVar[str] = "skip"
 
@@ -139,10 +139,6 @@ class FleetConfig(Part):
         found = {"prbs": ("network.prbs", options.prbs if isinstance(self.network, CellConfig) else []),
                  "workers": ("network.edge.workers", options.workers if self._edge() else [])}  # fmt: skip
         return {given: axis for given, axis in found.items() if axis[1] and options.robots}
-
-    def identity(self) -> dict[str, Any]:
-        """The options that results depend on."""
-        return self.model_dump(exclude=set(FREE))
 
     def study(self, num_robots: int, scale: QocScale | None, changes: Mapping[str, Any] | None = None,
               grids: Mapping[str, list[float]] | None = None) -> StudyConfig:  # fmt: skip

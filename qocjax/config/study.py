@@ -9,17 +9,15 @@ import numpy as np
 from pydantic import Field
 
 from qocjax.config.engine import EngineConfig
+from qocjax.config.kept import KeptConfig
 from qocjax.config.options import with_numbers
 from qocjax.config.swept import SweptConfig
 from qocjax.study.problem import Problem, Setup
 
-__all__ = ["FREE", "StudyConfig", "build_problem"]
-
-# Options that change nothing in the results, so that a study may go on with others.
-FREE = ("engine", "figures", "report", "arrays", "resume", "nav2")
+__all__ = ["StudyConfig", "build_problem"]
 
 
-class StudyConfig(SweptConfig):
+class StudyConfig(SweptConfig, KeptConfig):
     """Everything that `python -m qocjax.sweep` reads."""
 
     nav2: str | None
@@ -27,7 +25,6 @@ class StudyConfig(SweptConfig):
     report: bool
     arrays: bool
     chunk_steps: Annotated[float, Field(gt=0)]
-    resume: str | None
     engine: EngineConfig
 
     def build_problem(self) -> Problem:
@@ -58,10 +55,6 @@ class StudyConfig(SweptConfig):
         if setup.scenario.num_robots != own.scenario.num_robots:
             raise ValueError("sweep.grids: got values that change the number of robots, expected one number (fleet)")
         return setup
-
-    def identity(self) -> dict[str, Any]:
-        """The options that results depend on."""
-        return self.model_dump(exclude=set(FREE))
 
 
 def build_problem(configuration: Mapping[str, Any]) -> Problem:

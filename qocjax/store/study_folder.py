@@ -60,23 +60,26 @@ class ChunkFolder:
 
     def holds(self, name: str, description: Mapping[str, Any]) -> bool:
         """Whether the results of a chunk are there and whole; a damaged file is noted, and removed."""
-        path = self._path(name)
-        if not path.exists():
+        if not self._path(name).exists():
             return False
+        if wrong := self.wrong(name, description):
+            self._note(f"{self._path(name)}: {wrong}; it is computed again")
+        return not wrong
+
+    def wrong(self, name: str, description: Mapping[str, Any]) -> str:
+        """What is wrong with the file of a chunk, empty where it is that chunk and whole; a damaged one is removed."""
+        path = self._path(name)
         try:
             _, header = read_checked(path)
         except ValueError as error:
-            self._note(f"{error}; it is computed again")
             path.unlink()
-            return False
+            return str(error).removeprefix(f"{path}: ")
         if header.get("chunk") != dict(description):
-            self._note(f"{path}: holds another chunk; it is computed again")
-            return False
+            return "holds another chunk"
         if strange := strangeness(header.get("owner"), self.owner):
-            self._note(f"{path}: computed with {strange}; it is computed again")
-            return False
+            return f"computed with {strange}"
         self._headers[name] = {key: value for key, value in header.items() if key not in ("chunk", "owner")}
-        return True
+        return ""
 
     def put(
         self, name: str, description: Mapping[str, Any], arrays: Mapping[str, np.ndarray], header: Mapping[str, Any]
@@ -89,9 +92,21 @@ class ChunkFolder:
         """One array of a chunk that is there."""
         return read_array(self._path(name), variable)
 
+    def arrays(self, name: str) -> dict[str, np.ndarray]:
+        """All arrays of a chunk that is there."""
+        return read_checked(self._path(name))[0]
+
     def header(self, name: str) -> dict[str, Any]:
         """What was written with a chunk that is there."""
         return self._headers[name]
+
+    def names(self) -> list[str]:
+        """Of the files that lie there, in order."""
+        return sorted(path.stem for path in self.folder.glob("[!.]*.npz"))
+
+    def remove(self, name: str) -> None:
+        """Removes the file of a chunk, if there is one."""
+        self._path(name).unlink(missing_ok=True)
 
     def tidy(self) -> None:
         """Removes what a process that was killed left half written."""
@@ -107,6 +122,8 @@ def study_folder(
     folder: Path, identity: Mapping[str, Any], data: str, note: Callable[[str], object] = lambda text: None
 ) -> Iterator[ChunkFolder]:
     """Takes a folder for a study: a new one, or one that holds the same study, finished or not.
+
+    Whoever stops it is told how to go on.
 
     Args:
         folder: Made where it is missing.
@@ -126,6 +143,8 @@ def study_folder(
             chunks = ChunkFolder(folder / CHUNKS, note, owner_of(plain, data))
             chunks.tidy()
             yield chunks
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"resume={folder} goes on") from None
     except OSError as error:
         if error.errno is None or error.errno not in _DISK:
             raise

@@ -17,7 +17,7 @@ from qocjax.store.identity import content_digest
 from qocjax.store.sources import source_of
 from qocjax.study.reliability import reliability_of
 
-__all__ = ["Problem", "Setup"]
+__all__ = ["Problem", "Setup", "data_of"]
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,8 @@ class Problem:
 
     def data(self) -> str:
         """Digest of what it holds beside its options: measured delays, maps, files of a law or robot from outside."""
-        sources = [source_of(each) for each in (self.controller, self.scenario.robot)]
-        own = (self.network, self.controller, *(each.get("digest") for each in sources if each is not None))
         others = {repr(key): (setup.network, setup.controller) for key, setup in self.setups.items()}
-        return content_digest((*own, others) if others else own)
+        return data_of(self.scenario, self.network, self.controller, others)
 
     @property
     def baseline(self) -> Setup:
@@ -101,3 +99,19 @@ class Problem:
             some = self.designs.at(places)
             share[places], error[places] = reliability_of(setup.network, setup.scenario, some.deadline, some.tau)
         return Reliability(share, error)
+
+
+def data_of(
+    scenario: Scenario, network: Network, controller: Controller | None, others: Mapping[str, Any] | None = None
+) -> str:
+    """Digest of what lies behind options: measured delays, maps, files of a law or robot from outside.
+
+    Args:
+        scenario: Of which the robot counts.
+        network: Where loop times come from.
+        controller: None for the surrogate law.
+        others: What else holds some.
+    """
+    sources = [source_of(each) for each in (controller, scenario.robot)]
+    own = (network, controller, *(each.get("digest") for each in sources if each is not None))
+    return content_digest((*own, others) if others else own)
