@@ -21,7 +21,7 @@ from qocjax.batch.runner import Runner
 from qocjax.controllers import Apf
 from qocjax.statistics.recorded import RecordedLoops, network_keys
 from qocjax.store import journal as module
-from qocjax.store.journal import Journal, journal
+from qocjax.store.journal import journal
 from qocjax.store.study_folder import study_folder
 
 SCENARIO = Scenario(horizon=2.0)

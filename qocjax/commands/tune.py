@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax.commands.command_line import output_dir
+from qocjax.commands.resuming import going_on, note, resumed
 from qocjax.config import load
 from qocjax.config.scale import yardstick
 from qocjax.config.tune import TuneConfig
@@ -19,9 +20,10 @@ from qocjax.figures.tuning import tuning_map, tuning_progress
 from qocjax.search.objective import Objective, pilot_scale
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import trace_remark
-from qocjax.store import write_config, write_json, write_table
+from qocjax.store import write_json, write_table
 from qocjax.store.provenance import provenance
 from qocjax.study.edges import bounds_text
+from qocjax.study.problem import data_of
 from qocjax.study.reliability import share_text
 from qocjax.tuning import Slopes, Tuning, tune
 
@@ -35,38 +37,42 @@ def run(config: TuneConfig, folder: Path | None = None, *, quiet: bool = False) 
 
     Args:
         config: What to tune, and how.
-        folder: Where tables, figures and the record go; None writes nothing.
+        folder: Where pieces, tables, figures and the record go; None writes nothing.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
 
     Raises:
-        ValueError: A value of the configuration is out of range, or derivatives are not finite.
+        ValueError: A value of the configuration is out of range, derivatives are not finite, or the folder holds
+            another tuning.
+        OSError: The folder cannot be written, or the disk is full.
     """
     controller = config.build_controller()
     scenario, network, bounds = config.build_scenario(), config.build_network(), config.build_bounds()
     baseline, settings, deadlines = config.baseline_with(bounds.names), config.build_search(), config.deadlines()
     rules, (selection, evaluation) = config.loop.build(), config.seeds()
     if (remark := config.rate_remark(network, config.loop.tau)) is not None:
-        tqdm.write(f"note: {remark}", file=sys.stderr)
-    scale = config.scale() or pilot_scale(
-        scenario, network, baseline, deadlines.tolist(), selection, rules=rules, key=config.key, controller=controller
-    )
-    objective = Objective(scenario, network, scale, rules, config.key, controller=controller)
-    with tqdm(total=settings.steps, desc="tuning", unit=" steps", file=sys.stderr, disable=quiet or None) as bar:
+        note(remark)
 
-        def progress(slopes: Slopes) -> None:
-            best = int(slopes.qoc.argmax())
-            bar.set_postfix_str(f"QoC {slopes.qoc[best]:.4f} ± {slopes.qoc_se[best]:.4f}", refresh=False)
-            bar.update()
+    def progress(slopes: Slopes) -> None:
+        best = int(slopes.qoc.argmax())
+        bar.set_postfix_str(f"QoC {slopes.qoc[best]:.4f} ± {slopes.qoc_se[best]:.4f}", refresh=False)
+        bar.update()
 
-        tuning = tune(
-            objective, baseline, bounds, deadlines, settings,
-            starts=config.tune.starts, from_baseline=config.tune.from_baseline,
-            selection_seeds=selection, evaluation_seeds=evaluation, progress=progress,
+    with going_on(config, folder, data_of(scenario, network, controller)):
+        scale = config.scale() or pilot_scale(
+            scenario, network, baseline, deadlines.tolist(), selection, rules=rules, key=config.key,
+            controller=controller,
         )  # fmt: skip
-    if folder is not None:
-        _write(tuning, config, folder)
-        if config.figures:
-            _draw(tuning, config, folder / "figures")
+        objective = Objective(scenario, network, scale, rules, config.key, controller=controller)
+        with tqdm(total=settings.steps, desc="tuning", unit=" steps", file=sys.stderr, disable=quiet or None) as bar:
+            tuning = tune(
+                objective, baseline, bounds, deadlines, settings,
+                starts=config.tune.starts, from_baseline=config.tune.from_baseline,
+                selection_seeds=selection, evaluation_seeds=evaluation, progress=progress,
+            )  # fmt: skip
+        if folder is not None:
+            _write(tuning, config, folder)
+            if config.figures:
+                _draw(tuning, config, folder / "figures")
     return tuning
 
 
@@ -113,7 +119,6 @@ def _trace_text(tuning: Tuning) -> str | None:
 def _write(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
     write_table(folder / "designs", tuning.designs)
     write_table(folder / "trace", tuning.trace)
-    write_config(folder, config.model_dump())
     objective, chosen = tuning.problem.objective, tuning.chosen
     selection, evaluation = config.seeds()
     record = {
@@ -144,8 +149,8 @@ def _draw(tuning: Tuning, config: TuneConfig, folder: Path) -> None:
 
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config = load(TuneConfig, cfg)
     folder = output_dir()
+    config = resumed(load(TuneConfig, cfg), folder)
     tuning = run(config, folder)
     print(design_text(tuning))
     scale, spent = tuning.problem.objective.scale, tuning.simulations

@@ -9,6 +9,7 @@ import optax
 
 from qocjax import _checks, tuning
 from qocjax.config.bounds import Bounds, built_bounds
+from qocjax.config.kept import KeptConfig
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
@@ -92,7 +93,7 @@ class TuningConfig(Part):
     scale: str | None
 
 
-class TuneConfig(SimulationConfig):
+class TuneConfig(SimulationConfig, KeptConfig):
     """Everything that `python -m qocjax.tune` reads."""
 
     optimiser: AdamConfig | SgdConfig
