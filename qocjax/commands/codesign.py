@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from qocjax import _checks
 from qocjax.commands.command_line import output_dir
+from qocjax.commands.resuming import going_on, resumed
 from qocjax.config import load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.scale import yardstick
@@ -27,11 +28,12 @@ from qocjax.search.objective import Objective, pilot_scale
 from qocjax.search.pareto import demand_front, worker_front
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import trace_remark
-from qocjax.store import write_config, write_json, write_table
+from qocjax.store import write_json, write_table
 from qocjax.store.provenance import provenance
 from qocjax.study.capacity import at_once_text
 from qocjax.study.edges import bounds_text
 from qocjax.study.grid import Grid
+from qocjax.study.problem import data_of
 from qocjax.study.reliability import load_of
 from qocjax.units import printed_unit
 
@@ -55,17 +57,33 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
 
     Args:
         config: What to search.
-        folder: Where tables, figures and the record go; None writes nothing.
+        folder: Where pieces, tables, figures and the record go; None writes nothing.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
 
     Raises:
-        ValueError: A value of the configuration is out of range.
+        ValueError: A value of the configuration is out of range, or the folder holds another search.
+        OSError: The folder cannot be written, or the disk is full.
     """
     _check_methods(config)
-    grid, methods = _beside(config), config.search.methods
+    grid = _beside(config)
+    setting = config.build_scenario(), config.build_network(), config.build_controller()
+    with going_on(config, folder, data_of(*setting)):
+        problem = problem_of(config)
+        _check_scarce(config, problem)
+        found = _searched(config, problem, grid, quiet)
+        if folder is not None:
+            _write(found, config, problem, folder)
+            if config.figures:
+                against = config.front.against if config.front else "loops_per_s"
+                draw_codesign(found.contest.curve, found.contest.policies, found.front, folder / "figures",
+                              measure=config.search.measure, against=against, workers=found.workers)  # fmt: skip
+    return found
+
+
+def _searched(config: CodesignConfig, problem: Problem, grid: Grid, quiet: bool) -> Codesign:
+    """The contest of the methods, and the fronts."""
+    methods = config.search.methods
     sweep_seeds, judge_seeds = (len(seeds) for seeds in config.seeds())
-    problem = problem_of(config)
-    _check_scarce(config, problem)
     parts = len(methods) * config.search.repetitions + 3
     with tqdm(total=parts, desc="co-design", file=sys.stderr, disable=True if quiet else None) as bar:
 
@@ -89,14 +107,7 @@ def run(config: CodesignConfig, folder: Path | None = None, *, quiet: bool = Fal
             if config.front.workers:
                 workers = worker_front(problem, workers=config.front.workers, seeds=seeds, **options)
     names = (*problem.space.bounds, "tau")
-    found = Codesign(contest, front, workers, problem.objective.scale, problem.objective.simulations, names)
-    if folder is not None:
-        _write(found, config, problem, folder)
-        if config.figures:
-            against = config.front.against if config.front else "loops_per_s"
-            draw_codesign(contest.curve, contest.policies, front, folder / "figures", measure=config.search.measure,
-                          against=against, workers=workers)  # fmt: skip
-    return found
+    return Codesign(contest, front, workers, problem.objective.scale, problem.objective.simulations, names)
 
 
 def _beside(config: CodesignConfig) -> Grid:
@@ -251,7 +262,6 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
     tables |= {} if found.workers is None else {"workers": found.workers}
     for name, table in tables.items():
         write_table(folder / name, table)
-    write_config(folder, config.model_dump())
     best = contest.chosen
     record = {
         "chosen": {name: float(best[name]) for name in problem.space.baseline.names},
@@ -275,8 +285,8 @@ def _write(found: Codesign, config: CodesignConfig, problem: Problem, folder: Pa
 
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config = load(CodesignConfig, cfg)
     folder = output_dir()
+    config = resumed(load(CodesignConfig, cfg), folder)
     found = run(config, folder)
     print(summary(found, config.search.measure, config.limits.collision_share))
     print(f"\n{limits_text(config)}\n{capacity_text(found, config)}")

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from qocjax.config.bounds import Bounds, built_bounds
+from qocjax.config.kept import KeptConfig
 from qocjax.config.part import Part
 from qocjax.config.swept import SweptConfig
 from qocjax.network.demand import Carrier, Traffic
@@ -83,7 +84,7 @@ class FrontConfig(Part):
     workers: list[int]
 
 
-class CodesignConfig(SweptConfig):
+class CodesignConfig(SweptConfig, KeptConfig):
     """Everything that `python -m qocjax.codesign` reads."""
 
     search: SearchConfig
