@@ -19,17 +19,22 @@ from qocjax.advice.advice import Advice, advise, plain
 from qocjax.advice.slack import Slack
 from qocjax.commands.advice_page import page
 from qocjax.commands.command_line import given_options, output_dir
+from qocjax.commands.resuming import going_on, resumed
 from qocjax.commands.robot_seen import RobotSeen, limits_values, robot_seen
 from qocjax.config.advise import AdviseConfig
 from qocjax.config.part import load
+from qocjax.config.robot import RobotConfig
+from qocjax.controllers import Controller
 from qocjax.figures.advice import advice_figure
 from qocjax.figures.margins import delay_reliability_map
 from qocjax.figures.save import save
 from qocjax.figures.sensitivity import sensitivity_bars
 from qocjax.nav2 import nav2_text
+from qocjax.recorded import RecordedRun
 from qocjax.recorded.text import run_lines
-from qocjax.store import write_config, write_table, write_text
+from qocjax.store import write_table, write_text
 from qocjax.store.provenance import provenance
+from qocjax.study.problem import data_of
 
 __all__ = ["advice_values", "main", "page", "run"]
 
@@ -42,42 +47,44 @@ def run(config: AdviseConfig, folder: Path | None = None, seen: RobotSeen | None
 
     Args:
         config: What to simulate.
-        folder: Where files go; None writes nothing.
+        folder: Where pieces and files go; None writes nothing.
         seen: What a bag shows of the robot, for the record.
 
     Raises:
-        ValueError: A value of the configuration is out of range, or nothing can be advised.
+        ValueError: A value of the configuration is out of range, nothing can be advised, or the folder holds other
+            advice.
+        OSError: The folder cannot be written, or the disk is full.
     """
     options, network, controller = config.advise, config.build_network(), config.build_controller()
     _checks.bounded("advise.tau_ms", options.tau_ms, above=0)
     taus = [ms / 1e3 for ms in options.tau_ms]
     config.check_rate(network, min([config.loop.tau, *taus]))
-    advice = advise(
-        config.build_scenario(), network, config.current(), config.bounds(),
-        rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
-        max_collision_share=options.max_collision_share, how=options.objective, taus=taus,
-        effort=config.effort(), asked=config.asked(), scale=config.scale(), controller=controller,
-        told=_progress() if controller.costly else None,
-    )  # fmt: skip
-    if folder is not None:
-        values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance(controller)
-        write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
-        write_text(
-            folder / "nav2_params.yaml",
-            nav2_text(
-                advice, config.loop.build(), config.nav2 and Path(config.nav2), getattr(controller, "mppi", None)
-            ),
-        )
-        write_config(folder, config.model_dump())
-        write_table(folder / "curve", advice.curve)
-        if advice.slack is not None:
-            write_table(folder / "plane", advice.slack.plane)
-        write_table(folder / "elasticities", advice.elasticities)
-        if advice.sobol is not None:
-            write_table(folder / "sobol", advice.sobol)
-        if config.figures:
-            _draw(advice, folder / "figures")
+    scenario = config.build_scenario()
+    with going_on(config, folder, data_of(scenario, network, controller)):
+        advice = advise(
+            scenario, network, config.current(), config.bounds(),
+            rules=config.loop.build(), key=config.key, longest_deadline=options.longest_deadline_ms / 1e3,
+            max_collision_share=options.max_collision_share, how=options.objective, taus=taus,
+            effort=config.effort(), asked=config.asked(), scale=config.scale(), controller=controller,
+            told=_progress() if controller.costly else None,
+        )  # fmt: skip
+        if folder is not None:
+            _write(advice, config, controller, seen, folder)
+            if config.figures:
+                _draw(advice, folder / "figures")
     return advice
+
+
+def _write(advice: Advice, config: AdviseConfig, controller: Controller, seen: RobotSeen | None, folder: Path) -> None:
+    values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance(controller)
+    write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
+    mine, mppi = config.nav2 and Path(config.nav2), getattr(controller, "mppi", None)
+    write_text(folder / "nav2_params.yaml", nav2_text(advice, config.loop.build(), mine, mppi))
+    tables = {"curve": advice.curve, "elasticities": advice.elasticities, "sobol": advice.sobol}
+    tables["plane"] = None if advice.slack is None else advice.slack.plane
+    for name, table in tables.items():
+        if table is not None:
+            write_table(folder / name, table)
 
 
 def advice_values(advice: Advice) -> dict:
@@ -155,24 +162,29 @@ def _draw(advice: Advice, folder: Path) -> None:
     save(sensitivity_bars(advice.elasticities, advice.sobol), folder / "sensitivity")
 
 
-def _robot_choice() -> tuple[str, bool]:
-    """Name of the robot's preset, and whether somebody chose it or any of its values."""
+def _seen(recorded: RecordedRun, robot: RobotConfig, resumed: bool) -> RobotSeen:
+    """The robot that a recording shows, unless somebody chose it or any of its values; a resumed one has it already."""
     preset = HydraConfig.get().runtime.choices["robot"]
     given = any(each == "robot" or each.startswith(("robot.", "experiment")) for each in given_options())
-    return preset, given
+    seen = robot_seen(recorded, robot, preset, given)
+    if resumed and any(getattr(robot, name) != value for name, value in seen.options.items()):
+        return robot_seen(recorded, robot, preset, True)
+    return seen
 
 
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config, seen = load(AdviseConfig, cfg), RobotSeen()
     folder = output_dir()
+    asked, seen = load(AdviseConfig, cfg), RobotSeen()
+    config = resumed(asked, folder)
     if (log := config.log()) is not None:
         recorded = log.read()
         print("\n".join(run_lines(recorded, None)), end="\n\n")
-        seen = robot_seen(recorded, config.robot, *_robot_choice())
-        for name, value in seen.options.items():
-            OmegaConf.update(cfg, f"robot.{name}", value)
-        config = load(AdviseConfig, cfg)
+        seen = _seen(recorded, config.robot, config is not asked)
+        if config is asked:
+            for name, value in seen.options.items():
+                OmegaConf.update(cfg, f"robot.{name}", value)
+            config = load(AdviseConfig, cfg)
     if seen.text:
         print(textwrap.fill(f"ROBOT  {seen.text}", 118, subsequent_indent="  "), end="\n\n", flush=True)
     print(page(run(config, folder, seen)))

@@ -10,6 +10,7 @@ from qocjax.advice.shortlist import Effort
 from qocjax.advice.slack import Asked
 from qocjax.advice.target import KINDS, Target
 from qocjax.config.bounds import Bounds, built_bounds
+from qocjax.config.kept import KeptConfig
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
@@ -74,7 +75,7 @@ class AdviseOptions(Part):
     margins: MarginsConfig
 
 
-class AdviseConfig(SimulationConfig):
+class AdviseConfig(SimulationConfig, KeptConfig):
     """Everything that `python -m qocjax.advise` reads."""
 
     path: str | None
@@ -83,6 +84,7 @@ class AdviseConfig(SimulationConfig):
     figures: bool
 
     usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
+    free: ClassVar[tuple[str, ...]] = ("figures", "resume")  # nav2 comes back with what is advised
 
     def log(self) -> TraceConfig | None:
         """The file whose content says itself what it is, where the network is one."""
