@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from qocjax.commands.command_line import output_dir
 from qocjax.commands.recordings import read_runs
+from qocjax.commands.resuming import going_on, resumed
 from qocjax.commands.validation_page import page
 from qocjax.config import load
 from qocjax.config.bounds import built_bounds
@@ -24,8 +25,9 @@ from qocjax.network.interface import Network
 from qocjax.recorded import find_runs
 from qocjax.scenario import num_ticks
 from qocjax.statistics.units import trace_remark
-from qocjax.store import write_config, write_json, write_table
+from qocjax.store import write_json, write_table
 from qocjax.store.provenance import provenance
+from qocjax.study.problem import data_of
 from qocjax.study.reliability import load_of
 from qocjax.validation import (
     Curve,
@@ -60,15 +62,35 @@ def run(config: ValidateConfig, folder: Path | None = None, *, quiet: bool = Fal
 
     Args:
         config: What to compare.
-        folder: Where tables, figures and the record go; None writes nothing.
+        folder: Where pieces, tables, figures and the record go; None writes nothing.
         quiet: No progress bars (there are none anyway where standard error is no terminal).
 
     Raises:
-        ValueError: A value of the configuration is out of range, a file cannot be read, or curves cannot be compared.
+        ValueError: A value of the configuration is out of range, a file cannot be read, curves cannot be compared, or
+            the folder holds another validation.
+        OSError: The folder cannot be written, or the disk is full.
     """
     if config.controller.law != "apf":
         raise ValueError(f"controller: got {config.controller.law}, expected apf, which is S; E is given by `measured`")
     network = config.build_network()
+    with going_on(config, folder, _data(config, network)):
+        outcome = _validated(config, network, quiet)
+        if folder is not None:
+            _write(outcome, config, network, folder)
+            if config.figures:
+                _draw(outcome, folder / "figures")
+    return outcome
+
+
+def _data(config: ValidateConfig, network: Network) -> str:
+    """Digest of what lies behind the options of what is simulated; measured files are read each time."""
+    source = config.measured
+    law = None if isinstance(source, CsvConfig | RecordedConfig) else config.controller_of(source)
+    return data_of(config.build_scenario(), network, law)
+
+
+def _validated(config: ValidateConfig, network: Network, quiet: bool) -> Outcome:
+    """S and E, what they say of each other, and gains that follow E."""
     measured, points = _measured(config, network, quiet)
     simulated = _simulate(config, network, measured.delays, None, "surrogate", quiet)
     options, load = config.validation, load_of(config.build_scenario(), config.loop.tau)
@@ -76,14 +98,7 @@ def run(config: ValidateConfig, folder: Path | None = None, *, quiet: bool = Fal
     found = compare(simulated, measured, completing, resamples=options.resamples, random=config.key % 2**32,
                     share=options.regime_share)  # fmt: skip
     fitted, judged = _calibrate(config, network, found.measured, quiet) if config.calibrate else (None, None)
-    outcome = Outcome(found, points, fitted, judged)
-    if folder is not None:
-        _write(outcome, config, network, folder)
-        if config.figures:
-            save(validation_figure(found.curve, found.regime_table), folder / "figures" / "validation")
-            if judged is not None:
-                save(calibration_figure(judged.curve), folder / "figures" / "calibration")
-    return outcome
+    return Outcome(found, points, fitted, judged)
 
 
 def _measured(config: ValidateConfig, network: Network, quiet: bool) -> tuple[Curve, pd.DataFrame | None]:
@@ -169,7 +184,6 @@ def _write(outcome: Outcome, config: ValidateConfig, network: Network, folder: P
         tables |= {"calibration": pd.DataFrame([outcome.judged.row()]), "calibration_curve": outcome.judged.curve}
     for name, table in tables.items():
         write_table(folder / name, table)
-    write_config(folder, config.model_dump())
     fitted = outcome.fit
     record = {
         "seeds": {"simulated": list(found.simulated.seeds or ()), "measured": list(found.measured.seeds or ())},
@@ -179,6 +193,12 @@ def _write(outcome: Outcome, config: ValidateConfig, network: Network, folder: P
         "fit": None if fitted is None else {"gains": fitted.gains, "method": fitted.method, "looks": fitted.looks},
     }
     write_json(folder / "record.json", record | provenance())
+
+
+def _draw(outcome: Outcome, folder: Path) -> None:
+    save(validation_figure(outcome.validation.curve, outcome.validation.regime_table), folder / "validation")
+    if outcome.judged is not None:
+        save(calibration_figure(outcome.judged.curve), folder / "calibration")
 
 
 def _runs(curve: Curve) -> pd.DataFrame:
@@ -195,8 +215,8 @@ def report(outcome: Outcome) -> str:
 
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config = load(ValidateConfig, cfg)
     folder = output_dir()
+    config = resumed(load(ValidateConfig, cfg), folder)
     outcome = run(config, folder)
     print(report(outcome))
     network, delays = config.build_network(), outcome.validation.simulated.delays

@@ -13,6 +13,7 @@ from qocjax import _checks
 from qocjax.config.bounds import Bounds
 from qocjax.config.controller import NavigationConfig
 from qocjax.config.ingest import ReadingConfig
+from qocjax.config.kept import KeptConfig
 from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
 from qocjax.controllers import Controller
@@ -100,7 +101,7 @@ class CalibrateConfig(Part):
     budget: int
 
 
-class ValidateConfig(SimulationConfig):
+class ValidateConfig(SimulationConfig, KeptConfig):
     """Everything that `python -m qocjax.validate` reads."""
 
     measured: Annotated[StackConfig | SurrogateConfig | CsvConfig | RecordedConfig, Field(discriminator="kind")]
