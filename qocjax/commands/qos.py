@@ -11,13 +11,15 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from qocjax.commands.command_line import output_dir
+from qocjax.commands.resuming import going_on, resumed
 from qocjax.config.part import load
 from qocjax.config.qos import QosConfig
 from qocjax.figures.qos import delay_figure, qoc_figure, win_map
 from qocjax.figures.save import save
 from qocjax.statistics.scales import scale_text
-from qocjax.store import write_config, write_json, write_table
+from qocjax.store import write_json, write_table
 from qocjax.store.provenance import provenance
+from qocjax.study.problem import data_of
 from qocjax.transport.qos import QosStudy, qos_study
 
 __all__ = ["main", "run", "text"]
@@ -28,32 +30,34 @@ def run(config: QosConfig, folder: Path | None = None, *, quiet: bool = False) -
 
     Args:
         config: What to simulate.
-        folder: Where tables, figures and the record go; None writes nothing.
+        folder: Where pieces, tables, figures and the record go; None writes nothing.
         quiet: No progress bar (there is none anyway where standard error is no terminal).
 
     Raises:
-        ValueError: A value of the configuration is out of range.
+        ValueError: A value of the configuration is out of range, or the folder holds another study.
+        OSError: The folder cannot be written, or the disk is full.
     """
     config.surrogate_only()
     options, shown = config.qos, config.shown()
     network, edge = config.build_topics()
-    total = len(options.profiles) * len(options.loss) * len(options.burst)
-    with tqdm(total=total, desc="profiles x channels", file=sys.stderr, disable=True if quiet else None) as bar:
+    scenario, total = config.build_scenario(), len(options.profiles) * len(options.loss) * len(options.burst)
 
-        def show(what: str) -> None:
-            bar.set_postfix_str(what)
-            bar.update()
+    def show(what: str) -> None:
+        bar.set_postfix_str(what)
+        bar.update()
 
-        study = qos_study(
-            config.build_scenario(), config.baseline(), network, config.profiles(),
-            options.loss, options.burst, [ms / 1e3 for ms in options.deadline_ms], range(options.seeds),
-            rules=config.loop.build(), key=config.key, scale=config.scale(), carrier=config.carrier.build(),
-            edge=edge, progress=show,
-        )  # fmt: skip
-    if folder is not None:
-        _write(study, config, folder)
-        if config.figures:
-            _draw(study, shown, folder / "figures")
+    with going_on(config, folder, data_of(scenario, network, None)):
+        with tqdm(total=total, desc="profiles x channels", file=sys.stderr, disable=True if quiet else None) as bar:
+            study = qos_study(
+                scenario, config.baseline(), network, config.profiles(),
+                options.loss, options.burst, [ms / 1e3 for ms in options.deadline_ms], range(options.seeds),
+                rules=config.loop.build(), key=config.key, scale=config.scale(), carrier=config.carrier.build(),
+                edge=edge, progress=show,
+            )  # fmt: skip
+        if folder is not None:
+            _write(study, config, folder)
+            if config.figures:
+                _draw(study, shown, folder / "figures")
     return study
 
 
@@ -118,7 +122,6 @@ def _ms(seconds: float) -> str:
 def _write(study: QosStudy, config: QosConfig, folder: Path) -> None:
     for name in ("results", "transport", "best", "most"):
         write_table(folder / name, getattr(study, name))
-    write_config(folder, config.model_dump())
     record = {
         "j_med": study.scale.median, "j_med_se": study.scale.median_se, "j_max": study.scale.largest,
         "seeds": [0, config.qos.seeds], "key": config.key,
@@ -137,8 +140,8 @@ def _draw(study: QosStudy, shown: tuple[float, float], folder: Path) -> None:
 
 def main(cfg: DictConfig) -> None:
     """Command line."""
-    config = load(QosConfig, cfg)
     folder = output_dir()
+    config = resumed(load(QosConfig, cfg), folder)
     study = run(config, folder)
     print(text(study, config.shown()))
     scale = study.scale

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from qocjax.config.kept import KeptConfig
 from qocjax.config.part import Part
 from qocjax.config.scale import given_scale
 from qocjax.config.simulation import SimulationConfig
@@ -49,7 +50,7 @@ class QosOptions(Part):
     scale: str | None
 
 
-class QosConfig(SimulationConfig):
+class QosConfig(SimulationConfig, KeptConfig):
     """Everything that `python -m qocjax.qos` reads."""
 
     qos: QosOptions

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array
 
 from qocjax import _checks
+from qocjax._pieces import Arrays, kept
 from qocjax.network import Edge
 from qocjax.network.dds import DdsNetwork, Topic, Traffic, per_second
 from qocjax.network.dds.dds_network import Draws, Loops
@@ -45,6 +46,9 @@ def bursty_loss(probability: float, burst: float) -> LossProcess:
     return GilbertElliott(begin, 1.0 / burst)
 
 
+_WAYS = ("uplink", "downlink")
+
+
 @dataclass(frozen=True)
 class Sent:
     """Loop times of all seeds, and what was sent in each second by all robots."""
@@ -53,6 +57,18 @@ class Sent:
     uplink: dict[str, np.ndarray]  # messages by kind, and bytes by direction, each [S, seconds]
     downlink: dict[str, np.ndarray]
     missed_periods: np.ndarray  # [S, N] of the commands' DEADLINE
+
+    def arrays(self) -> Arrays:
+        """All of it under names of its own."""
+        found = {"loop_times": self.loop_times, "missed_periods": self.missed_periods}
+        return found | {f"{way}.{name}": values for way in _WAYS for name, values in getattr(self, way).items()}
+
+    @staticmethod
+    def of_arrays(arrays: Arrays) -> Sent:
+        """What `arrays` gave."""
+        up, down = ({name.removeprefix(f"{way}."): values for name, values in arrays.items()
+                     if name.startswith(f"{way}.")} for way in _WAYS)  # fmt: skip
+        return Sent(arrays["loop_times"], up, down, arrays["missed_periods"])
 
 
 def run_transport(
@@ -75,13 +91,20 @@ def run_transport(
         tau: s.
         edge: The workers, by default one for each sample; it gives nothing up.
     """
+    values = network, loss, keys, num_ticks, num_robots, tau, edge or Edge()
+    return Sent.of_arrays(kept(("transport", *values), lambda: _simulated(*values).arrays()))
+
+
+def _simulated(
+    network: DdsNetwork, loss: LossProcess, keys: Array, num_ticks: int, num_robots: int, tau: float, edge: Edge
+) -> Sent:
     clear = _with_loss(network, IndependentLoss())
     shape = (num_ticks, num_robots, tau)
     plain = clear.with_qos(reliability="best_effort", depth=1, reader_depth=None, lifespan=np.inf, deadline=np.inf)
     drawn = _draws(plain, keys, *shape)
     up, down = _channels(_with_loss(plain, loss), keys, *shape)
     drawn = replace(drawn, uplink=replace(drawn.uplink, link=up), downlink=replace(drawn.downlink, link=down))
-    found = jax.tree.map(np.asarray, _loops(clear, drawn, tau, edge or Edge()))
+    found = jax.tree.map(np.asarray, _loops(clear, drawn, tau, edge))
     return Sent(*found)
 
 
