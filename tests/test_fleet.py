@@ -98,7 +98,7 @@ def test_robots_that_are_apart_never_meet(robots: int) -> None:
 # Where a fleet leaves what is asked
 
 
-def point(robots: int, scores: Any, collided: Any = None, **row: Any) -> Point:
+def point(robots: int, scores: Any, collided: Any = None, selection: Any = None, **row: Any) -> Point:
     scores = np.asarray(scores, float)
     close = np.zeros(scores.size, bool) if collided is None else np.asarray(collided, bool)
     hits = share(close)
@@ -109,7 +109,8 @@ def point(robots: int, scores: Any, collided: Any = None, **row: Any) -> Point:
         "reliability": 0.5, "reliability_se": 0.01, "collision_share": close.mean(), "collision_low": hits.low,
         "collision_high": hits.high,
     }  # fmt: skip
-    return Point(robots, 0.2, scores, close, np.arange(scores.size), found | row)
+    chosen = scores if selection is None else np.asarray(selection, float)
+    return Point(robots, 0.2, chosen, scores, close, np.arange(scores.size), found | row)
 
 
 def test_crossing_is_linear_in_the_logarithm() -> None:
@@ -227,7 +228,18 @@ def test_answers_say_what_follows() -> None:
     assert answers(none)[0].startswith("No fleet that was simulated keeps a QoC of at least 0.9500")
     whole = study_of_points(FALLING[:1], Asked(0.5, 0.05), {"8 workers": point(1, [0.8, 0.98])})
     assert answers(whole)[0].endswith("That is the largest fleet simulated.")
-    assert "no single step is shown to help" in answers(whole)[-1]
+    assert "8 workers, is not shown to help on fresh ones" in answers(whole)[-1]
+
+
+def test_the_step_to_change_first_is_chosen_on_other_seeds_than_it_is_judged_on() -> None:
+    base = point(4, [0.5, 0.52, 0.48])
+    lucky = point(4, [0.9, 0.9, 0.92], selection=[0.5, 0.5, 0.5])
+    sound = point(4, [0.7, 0.73, 0.68], selection=[0.7, 0.7, 0.7])
+    steps = steps_table(base, {"lucky": lucky, "sound": sound})
+    assert steps["step"].tolist() == ["sound", "lucky"] and steps["gain"].is_monotonic_increasing
+    assert steps["gain_told"].tolist() == [1, 1]
+    study = study_of_points([base], Asked(0.45, 0.05), {"lucky": lucky, "sound": sound})
+    assert "change first: sound, +0.2033 [" in answers(study)[-1]
 
 
 # Figures

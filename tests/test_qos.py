@@ -24,7 +24,10 @@ from qocjax.figures.qos import win_map
 from qocjax.network import Constant, GilbertElliott, IndependentLoss, Leg, LoopNetwork, TruncatedNormal
 from qocjax.network.dds import DdsNetwork, Topic
 from qocjax.network.demand import Carrier
+from qocjax.quality import QocScale
 from qocjax.statistics.recorded import RecordedLoops, network_keys
+from qocjax.statistics.together import told_apart
+from qocjax.transport.paper_gain import paper_gain_text
 from qocjax.transport.qos import QosStudy, qos_study
 from qocjax.transport.transport import Sent, bursty_loss, run_transport, traffic_row, transport_row
 
@@ -148,6 +151,47 @@ def test_best_is_the_best_deadline(study: QosStudy) -> None:
         k = scores[:, [0, 2]].mean(axis=1).argmax()
         row = best.loc[(cell.profile, cell.loss, cell.burst)]
         assert row["deadline"] == [0.1, 0.2, 0.4][k] and row["qoc"] == pytest.approx(scores[k, [1, 3]].mean(), rel=1e-6)
+
+
+def test_marks_of_a_table_hold_together(study: QosStudy) -> None:
+    """Holm's over all that is compared: a deadline may be picked from the map."""
+    for table, seeds in ((study.results, 4), (study.best, 2), (study.most, 2)):
+        others = table[table["profile"] != "BEST_EFFORT"]
+        signs = told_apart(others["difference"], others["difference_se"], seeds)
+        np.testing.assert_array_equal(others["difference_told"], signs)
+        assert (table.loc[table["profile"] == "BEST_EFFORT", "difference_told"] == 0).all()
+    others = study.results[study.results["profile"] == "RELIABLE"]
+    drawn = win_map(others.assign(difference_told=[1] * 5 + [-1] + [0] * 6), "BEST_EFFORT")
+    texts = [text.get_text() for axes in drawn.axes for text in axes.texts]
+    assert (texts.count("+"), texts.count("−")) == (5, 1)
+
+
+def made_up(gains: list[float], half: float, seeds: int = 64) -> QosStudy:
+    """A study whose gains (%) have these means, and the half width of each 95 % interval."""
+    rows = [{"profile": "BEST_EFFORT", "loss": 0.1, "burst": 1.0, "deadline": 0.2, "gain_percent": 0.0,
+             "gain_percent_low": 0.0, "gain_percent_high": 0.0, "seeds": seeds}]  # fmt: skip
+    for loss, gain in zip((0.1, 0.3), gains, strict=True):
+        rows.append(rows[0] | {"profile": "KEEP_ALL", "loss": loss, "burst": 10.0, "gain_percent": gain,
+                               "gain_percent_low": gain - half, "gain_percent_high": gain + half})  # fmt: skip
+    table = pd.DataFrame(rows)
+    return QosStudy(table, table, table, table, QocScale(1.0, 1.0), [])
+
+
+@pytest.mark.parametrize(
+    ("gains", "half", "expected"),
+    [
+        ([1.0, 13.5], 3.0, "does not come out here"),
+        ([1.0, 60.0], 2.0, "comes out here"),
+        ([1.0, 47.5], 3.5, "is not told from what comes out here"),  # beyond 51.5 % by the interval of all four alone
+        ([1.0, 60.0], 8.0, "is not told from what comes out here"),
+    ],
+)
+def test_the_papers_gain_is_held_against_the_largest(gains: list[float], half: float, expected: str) -> None:
+    found = paper_gain_text(made_up(gains, half), "hold")
+    assert found.startswith(f"The paper's +51.5 % for RELIABLE {expected}, where a missed loop leaves the last command")
+    assert f"the largest of 4 gains is {max(gains):+.1f} % [" in found
+    assert "(KEEP_ALL, 30% lost in bursts of 10" in found and found.endswith("stops the robot (loop.hold=zero).")
+    assert "It can where" not in paper_gain_text(made_up(gains, half), "zero")
 
 
 def test_traffic_by_hand() -> None:

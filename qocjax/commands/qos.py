@@ -19,7 +19,7 @@ from qocjax.figures.save import save
 from qocjax.statistics.scales import scale_text
 from qocjax.store import write_json, write_table
 from qocjax.store.provenance import provenance
-from qocjax.study.problem import data_of
+from qocjax.transport.paper_gain import paper_gain_text
 from qocjax.transport.qos import QosStudy, qos_study
 
 __all__ = ["main", "run", "text"]
@@ -84,12 +84,11 @@ def text(study: QosStudy, shown: tuple[float, float]) -> str:
     return (
         f"At {shown[0]:.0%} of messages lost, {_kind(shown[1])}, each profile at its best deadline:\n"
         + table.to_string(index=False)
-        + f"\n\nGain in QoC over {first} (* where the 95 % interval leaves out 0), each at its own best deadline:\n"
+        + f"\n\nGain in QoC over {first} (* told from 0, all of a table together), each at its own best deadline:\n"
         + _gains(study.best, names)
         + "\n\nThe same with one deadline for both, that at which it gains most:\n"
         + _gains(study.most, names, at=True)
-        + "\n\nDeadlines were chosen on every other seed and judged on the rest; * at one: an end of those tried.\n"
-        + f"Of {int(study.best['profile'].ne(first).sum())} comparisons in a table one in twenty has its * by chance."
+        + "\n\nDeadlines were chosen on every other seed and judged on the rest; * at one: an end of those tried."
     )
 
 
@@ -100,8 +99,8 @@ def _kind(burst: float) -> str:
 def _gains(table: pd.DataFrame, names: list[str], at: bool = False) -> str:
     """A row for each channel, a column for each profile but the first."""
     rows = table[table["profile"] != names[0]].copy()
-    told = (rows["difference_low"] > 0) | (rows["difference_high"] < 0)
-    rows["cell"] = rows["gain_percent"].map("{:+.1f} %".format) + told.map({True: "*", False: " "})
+    told = rows["difference_told"].ne(0).map({True: "*", False: " "})
+    rows["cell"] = rows["gain_percent"].map("{:+.1f} %".format) + told
     if at:
         rows["cell"] += (1e3 * rows["deadline"]).map(" at {:g} ms".format)
     rows["lost"] = [f"{row.loss:.3g}, {_kind(row.burst)}" for row in rows.itertuples()]
@@ -144,6 +143,8 @@ def main(cfg: DictConfig) -> None:
     config = resumed(load(QosConfig, cfg), folder)
     study = run(config, folder)
     print(text(study, config.shown()))
+    if config.compares_best_effort():
+        print(f"\n{paper_gain_text(study, config.loop.hold)}")
     scale = study.scale
     print(f"\n{scale_text(scale, 'given' if config.scale() else 'of this study', True)}")
     print(f"Tables, figures and the record are in {folder}")

@@ -82,6 +82,11 @@ class QosConfig(SimulationConfig, KeptConfig):
                     raise ValueError(f"qos.profiles.{name}: got {option!r}, expected some of {', '.join(known)}")
         return self.qos.profiles
 
+    def compares_best_effort(self) -> bool:
+        """Whether RELIABLE is compared with BEST_EFFORT, as in the paper."""
+        first, *others = (changes.get("reliability") for changes in self.qos.profiles.values())
+        return first == "best_effort" and "reliable" in others
+
     def shown(self) -> tuple[float, float]:
         """Loss and burst of the channel to show.
 

@@ -69,20 +69,21 @@ def _end(completion: pd.DataFrame, points: pd.DataFrame) -> float:
 
 
 def steps_figure(steps: pd.DataFrame, *, width: float = SINGLE_COLUMN) -> Figure:
-    """Draws the gain in QoC of one step of each kind with its 95 % interval, the largest on top.
+    """Draws the gain in QoC of one step of each kind with its 95 % interval, in their order.
 
-    Grey bars are gains whose interval holds zero. At the right is the QoC that the step leads to.
+    Grey bars are gains that are not told from zero. At the right is the QoC that the step leads to.
 
     Args:
-        steps: A row per step, the largest gain first.
+        steps: A row per step.
         width: Inches.
 
     Raises:
         ValueError: The table is empty, lacks a column, or holds what cannot be drawn.
     """
-    check_table(steps, "steps", ("robots", "gain", "gain_low", "gain_high", "qoc"), ("step",))
+    check_table(steps, "steps", ("robots", "gain", "gain_low", "gain_high", "gain_told", "qoc"), ("step",))
     gain, low, high = (steps[name].to_numpy(float) for name in ("gain", "gain_low", "gain_high"))
-    colours = np.where(low > 0, OKABE_ITO[0], np.where(high < 0, OKABE_ITO[1], "0.75"))
+    told = steps["gain_told"].to_numpy(int)
+    colours = np.where(told > 0, OKABE_ITO[0], np.where(told < 0, OKABE_ITO[1], "0.75"))
     place = np.arange(len(steps))[::-1]
     with paper_style():
         figure = Figure(figsize=(width, 0.75 + 0.21 * len(steps)), layout="constrained")

@@ -165,10 +165,11 @@ def win_map(
 ) -> Figure:
     """Draws the difference of QoC to the baseline profile over deadline and loss, a panel for each profile and burst.
 
-    A sign marks cells whose 95 % interval lies on one side of 0; colours are even up to ±0.01, logarithmic beyond.
+    A sign marks cells whose difference is told from 0, all of the map together at 95 %: a deadline may be picked from
+    it. Colours are even up to ±0.01, logarithmic beyond.
 
     Args:
-        results: profile, burst, loss, deadline, difference, difference_low, difference_high.
+        results: profile, burst, loss, deadline, difference, difference_told (of `QosStudy`).
         baseline: Name of the profile that the others are compared with.
         width: Inches.
         height: Inches; by default by the number of panels.
@@ -176,7 +177,7 @@ def win_map(
     Raises:
         ValueError: The table lacks a column or is empty.
     """
-    _check(results, "results", ("deadline", "difference", "difference_low", "difference_high"))
+    _check(results, "results", ("deadline", "difference", "difference_told"))
     profiles, bursts = list(dict.fromkeys(results["profile"])), sorted(set(results["burst"]))
     largest = max(float(results["difference"].abs().max()), 2 * _EVEN)
     with paper_style():
@@ -198,14 +199,13 @@ def win_map(
 
 
 def _panel(axes: Axes, rows: pd.DataFrame, largest: float) -> QuadMesh:
-    grid, low, high = (rows.pivot(index="loss", columns="deadline", values=f"difference{end}")
-                       for end in ("", "_low", "_high"))  # fmt: skip
+    names = ("difference", "difference_told")
+    grid, told = (rows.pivot(index="loss", columns="deadline", values=name) for name in names)
     scale = SymLogNorm(_EVEN, vmin=-largest, vmax=largest)
     mesh = axes.pcolormesh(grid.to_numpy(), cmap="RdBu", norm=scale, rasterized=True)
-    for sign, told in (("+", low.to_numpy() > 0), ("−", high.to_numpy() < 0)):
-        for y, x in zip(*np.nonzero(told), strict=True):
-            light = abs(grid.iat[y, x]) > 0.3 * largest
-            axes.text(x + 0.5, y + 0.48, sign, ha="center", va="center", fontsize=7, color="w" if light else "k")
+    for y, x in zip(*np.nonzero(told.to_numpy()), strict=True):
+        light, sign = abs(grid.iat[y, x]) > 0.3 * largest, "+" if told.iat[y, x] > 0 else "−"
+        axes.text(x + 0.5, y + 0.48, sign, ha="center", va="center", fontsize=7, color="w" if light else "k")
     axes.set_xticks(np.arange(grid.shape[1]) + 0.5, labels=[f"{1e3 * d:g}" for d in grid.columns], rotation=90)
     axes.set_yticks(np.arange(grid.shape[0]) + 0.5, labels=[f"{100 * p:g} %" for p in grid.index])
     axes.tick_params(length=0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from qocjax.network.estimate import usage
 from qocjax.statistics.estimates import share as share_of
-from qocjax.statistics.scores import Scores
+from qocjax.statistics.scores import Scores, seed_scores
 from qocjax.statistics.units import units_in
 from qocjax.study.chosen import design_at, place_of
 from qocjax.study.problem import Problem
@@ -30,6 +30,7 @@ class Point:
 
     robots: int
     deadline: float  # s
+    selection: np.ndarray  # [S'] QoC by selection seed: to choose on
     scores: np.ndarray  # [S] QoC by evaluation seed
     collided: np.ndarray  # [S] whether two robots came closer than two radii
     units: np.ndarray  # [S] labels of the seeds, see `units_of`
@@ -45,6 +46,7 @@ def point_of(study: Study, problem: Problem) -> Point:
     k = place_of(study.evaluation, design)
     units = units_in(study.evaluation)
     judged = Scores.of(study.evaluation["auc"].values[k], study.scale, units)
+    selection = seed_scores(study.runs["auc"].values[place_of(study.runs, design)], study.scale)
     collided = study.evaluation["collided"].values[k].astype(bool)
     load = load_of(problem.scenario, float(np.asarray(design.tau)))
     share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)
@@ -58,9 +60,8 @@ def point_of(study: Study, problem: Problem) -> Point:
     }  # fmt: skip
     for name, (used, spread) in usage(problem.network, deadline, load).items():
         row |= {f"{name}_usage": used, f"{name}_usage_se": spread}
-    return Point(
-        robots, deadline, judged.values, collided, units, row | _policies(study.policies) | {"seeds": collided.size}
-    )
+    row |= _policies(study.policies) | {"seeds": collided.size}
+    return Point(robots, deadline, selection, judged.values, collided, units, row)
 
 
 def _policies(policies: pd.DataFrame) -> dict[str, Any]:

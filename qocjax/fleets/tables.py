@@ -13,6 +13,7 @@ from qocjax.fleets.limits import Asked, Crossing, crossing, largest_fleet
 from qocjax.fleets.point import Point
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import paired
+from qocjax.statistics.together import told_apart
 
 __all__ = ["FleetStudy", "answers", "map_table", "need_table", "points_table", "steps_table"]
 
@@ -71,18 +72,26 @@ def need_table(cells: Mapping[tuple[int, int], Point], given: str, asked: Asked)
 
 
 def steps_table(base: Point, steps: Mapping[str, Point]) -> pd.DataFrame:
-    """Gain of each step over the base at the same number of robots, paired by seed; the largest first."""
+    """Gain of each step over the base at the same number of robots, paired by seed.
+
+    First is the step that gains most on the selection seeds; the gains are those of the evaluation seeds, so that the
+    first one's does not flatter itself. `gain_told` is the sign of those that are told from 0, all together at 95 %.
+    """
     rows = []
     for name, point in steps.items():
         gap = paired(point.scores, base.scores, units=point.units)
         rows.append({
             "step": name, "robots": base.robots, "gain": gap.mean, "gain_low": gap.low, "gain_high": gap.high,
+            "gain_se": gap.se, "gain_selection": float(point.selection.mean() - base.selection.mean()),
             "qoc": point.row["qoc"], "qoc_se": point.row["qoc_se"], "deadline": point.deadline,
             "reliability": point.row["reliability"], "reliability_se": point.row["reliability_se"],
             "collision_share": point.row["collision_share"],
             **{use: point.row[use] for use in USES if use in point.row},
         })  # fmt: skip
-    return pd.DataFrame(rows).sort_values("gain", ascending=False, ignore_index=True) if rows else pd.DataFrame()
+    if not rows:
+        return pd.DataFrame()
+    table = pd.DataFrame(rows).sort_values("gain_selection", ascending=False, ignore_index=True)
+    return table.assign(gain_told=told_apart(table["gain"], table["gain_se"], np.unique(base.units).size))
 
 
 def find_limit(points: Sequence[Point], asked: Asked) -> tuple[int | None, Crossing]:
@@ -177,6 +186,7 @@ def _first(study: FleetStudy) -> list[str]:
     gain = f"{best['gain']:+.4f} [{best['gain_low']:+.4f}, {best['gain_high']:+.4f}]"
     if best["gain_low"] <= 0:
         return [
-            f"With N = {best['robots']} no single step is shown to help; the largest gain is {best['step']}, {gain}."
+            f"With N = {best['robots']} the step that gains most on the seeds of the choice, {best['step']}, "
+            f"is not shown to help on fresh ones: {gain} QoC."
         ]
     return [f"With N = {best['robots']} change first: {best['step']}, {gain} QoC."]

@@ -186,8 +186,8 @@ def _loops(study: FleetStudy) -> str:
 def _steps(steps: pd.DataFrame) -> str:
     return (
         f"<p>What one step of each kind would change for {int(steps['robots'].iloc[0])} robots: the gain in QoC at the "
-        "best deadline of each, paired by seed, with the 95 % interval of each alone; the largest of "
-        f"{len(steps)} flatters itself a little. Grey: not told apart from no gain.</p>"
+        "best deadline of each, paired by seed, with the 95 % interval of each alone, in the order of their gains on "
+        "the seeds of the choice. Grey: not told apart from no gain, all steps together.</p>"
         f"{chart_place('steps', 'Gain of one step')}"
     )
 

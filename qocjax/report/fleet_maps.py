@@ -54,7 +54,7 @@ def map_chart(study: FleetStudy, given: str) -> dict[str, Any]:
 
 def steps_chart(steps: pd.DataFrame) -> dict[str, Any]:
     """Gain of each step with its interval, the largest on top."""
-    kinds = {"nfs": steps["gain_low"] > 0, "nfx": steps["gain_high"] < 0}
+    kinds = {"nfs": steps["gain_told"] > 0, "nfx": steps["gain_told"] < 0}
     kinds["nft"] = ~(kinds["nfs"] | kinds["nfx"])
     traces = []
     for uid, chosen in kinds.items():

@@ -11,7 +11,7 @@ import pandas as pd
 from qocjax import _checks
 from qocjax.scenario import Design
 from qocjax.search.find import CHOICE_SEEDS, FINALISTS, FIRST, Found, find
-from qocjax.search.judge import Judged, judge, stacked, tie_set
+from qocjax.search.judge import Judged, better_than, judge, stacked, tie_set
 from qocjax.search.policies import policy_designs
 from qocjax.search.trial import Problem
 from qocjax.statistics.scores import Scores
@@ -144,7 +144,5 @@ def _ties(problem: Problem, found: list[Found], place: int, seeds: range) -> pd.
     values = np.stack([np.asarray(value) for value in designs.values().values()], axis=1)
     _, first = np.unique(values, axis=0, return_index=True)
     judged: Judged = judge(problem, designs.at(np.sort(first)), seeds)  # the chosen one stays in front
-    kept_rows = tie_set(problem, judged, 0)
-    gaps = [problem.measure.difference(judged.scores[k], judged.scores[0]).given for k in range(len(judged.table))]
-    table = judged.table.assign(better=[gap.low > 0.0 for gap in gaps])
-    return table[kept_rows].reset_index(drop=True)
+    table = judged.table.assign(better=better_than(problem, judged, 0))
+    return table[tie_set(problem, judged, 0)].reset_index(drop=True)

@@ -10,10 +10,10 @@ import pandas as pd
 
 from qocjax.scenario import Design
 from qocjax.search.trial import Problem
-from qocjax.statistics.estimates import share
+from qocjax.statistics.estimates import Estimate, share
 from qocjax.statistics.scores import Scores
 
-__all__ = ["Judged", "judge", "stacked", "tie_set"]
+__all__ = ["Judged", "better_than", "judge", "stacked", "tie_set"]
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,18 @@ def tie_set(problem: Problem, judged: Judged, chosen: int) -> np.ndarray:
     All intervals hold at once with 95 % (Bonferroni): a design is left out only where it is surely told apart. Designs
     that break the limits are no ties.
     """
-    count = len(judged.table)
-    confidence = 1 - 0.05 / max(count - 1, 1)
-    ties = []
-    for row in range(count):
-        gap = problem.measure.difference(judged.scores[row], judged.scores[chosen], confidence).given
-        ties.append(row == chosen or (gap.high >= 0 and bool(judged.table["feasible"].iloc[row])))
-    return np.array(ties)
+    gaps = _gaps(problem, judged, chosen)
+    kept = judged.table["feasible"].to_numpy(bool)
+    return np.array([row == chosen or (gap.high >= 0 and kept[row]) for row, gap in enumerate(gaps)])
+
+
+def better_than(problem: Problem, judged: Judged, chosen: int) -> np.ndarray:
+    """Which designs [G] the seeds show to be better than the chosen one; all intervals hold at once with 95 %."""
+    return np.array([row != chosen and gap.low > 0 for row, gap in enumerate(_gaps(problem, judged, chosen))])
+
+
+def _gaps(problem: Problem, judged: Judged, chosen: int) -> list[Estimate]:
+    """Differences of each design to the chosen one, with intervals that hold together."""
+    confidence = 1 - 0.05 / max(len(judged.table) - 1, 1)
+    scores, measure = judged.scores, problem.measure
+    return [measure.difference(scores[row], scores[chosen], confidence).given for row in range(len(judged.table))]

@@ -21,6 +21,7 @@ from qocjax.statistics.estimates import relative
 from qocjax.statistics.recorded import RecordedLoops, network_keys
 from qocjax.statistics.scales import scale_of_runs
 from qocjax.statistics.scores import Scores
+from qocjax.statistics.together import told_apart
 from qocjax.study.edges import at_bounds
 from qocjax.transport.transport import bursty_loss, run_transport, traffic_row, transport_row
 
@@ -47,6 +48,7 @@ class Cell:
 class QosStudy:
     """What the study found."""
 
+    # `difference_told` of a table: the sign of each difference that is told from 0, all of them together at 95 %.
     results: pd.DataFrame  # one row per profile, loss, burst and deadline
     transport: pd.DataFrame  # one row per profile, loss and burst
     best: pd.DataFrame  # one row per profile, loss and burst, each at its own best deadline
@@ -114,10 +116,18 @@ def qos_study(
     if scale is None:
         every = np.concatenate([cell.runs["auc"].values for cell in cells])
         scale = scale_of_runs(every, scenario, units=np.asarray(seeds))
-    results = _results(cells, np.asarray(deadlines, float), scale, next(iter(profiles)))
     first = next(iter(profiles))
-    best, most = _best_deadlines(cells, scale, first), _most_gain(cells, scale, first)
+    results = _told(_results(cells, np.asarray(deadlines, float), scale, first), first, len(seeds))
+    best, most = (_told(make(cells, scale, first), first, len(seeds) // 2) for make in (_best_deadlines, _most_gain))
     return QosStudy(results, pd.DataFrame(rows), best, most, scale, cells)
+
+
+def _told(table: pd.DataFrame, baseline: str, seeds: int) -> pd.DataFrame:
+    """Adds the sign of each difference that is told from 0, all of the table together."""
+    rows = table["profile"] != baseline
+    signs = pd.Series(0, table.index)
+    signs[rows] = told_apart(table.loc[rows, "difference"], table.loc[rows, "difference_se"], seeds)
+    return table.assign(difference_told=signs)
 
 
 def _results(cells: list[Cell], deadlines: np.ndarray, scale: QocScale, baseline: str) -> pd.DataFrame:
