@@ -21,7 +21,7 @@ RESULTS = ROOT / "experiments" / "results"
 MEASURED = ("cleave_wifi", "cicv_5g")
 OTHERS = ("ci", "navigation")  # whose tables are not kept
 CURVES = ("auc_eta", "auc_tau", "auc_delay")  # whose curve over the deadline is the figure
-CURVE_COLUMNS = ["value", "deadline", "reliability", "auc", "auc_se", "qoc", "qoc_se"]
+CURVE_COLUMNS = ["value", "deadline", "reliability", "auc", "auc_se", "auc_normalised", "qoc", "qoc_se"]
 
 
 def run(name: str) -> None:
@@ -34,9 +34,6 @@ def run(name: str) -> None:
         pd.read_csv(Path(folder) / "policies.csv").to_csv(RESULTS / f"{name}.csv", index=False, float_format="%.5g")
         if name in CURVES:
             table = pd.read_csv(Path(folder) / "results.csv")[CURVE_COLUMNS]
-            if name == "auc_delay":  # the paper normalises this curve to 0..100 over the delays
-                low, high = table["auc"].min(), table["auc"].max()
-                table["auc_normalised"] = 100 * (table["auc"] - low) / (high - low)
             table.to_csv(RESULTS / f"{name}_curve.csv", index=False, float_format="%.5g")
 
 

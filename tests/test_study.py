@@ -18,6 +18,7 @@ from qocjax.config import conf_dir, load
 from qocjax.config.codesign import CodesignConfig
 from qocjax.config.study import StudyConfig
 from qocjax.config.tune import TuneConfig
+from qocjax.network.interface import exactly
 from qocjax.statistics.scales import standing_still
 from qocjax.study import POLICIES, SWEPT, Grid, estimate, paired, standard_error
 from qocjax.study.edges import edges_of, edges_text
@@ -117,6 +118,22 @@ def test_results_are_the_means_over_robots_then_seeds(study: Study, grid: Grid) 
         np.testing.assert_array_equal(results[name], getattr(grid.designs, name)[grid.design])
     shared = results[(results["kappa"] == 2) & (results["gamma"] == 2) & (results["tau"] == 0.1)]
     assert len(shared) == 3 * 4 and shared.groupby("deadline")["qoc"].nunique().max() == 1
+
+
+def test_normalised_auc_is_that_of_each_curve(study: Study, grid: Grid) -> None:
+    """100 (S - min S) / (max S - min S) over the deadlines (paper, Eq. 22); what diverged is no end of the scale."""
+    for _, curve in study.results.groupby(["sweep", "value"]):
+        low, high = curve["auc"].min(), curve["auc"].max()
+        np.testing.assert_allclose(curve["auc_normalised"], 100 * (curve["auc"] - low) / (high - low))
+        assert (curve["auc_normalised"].min(), curve["auc_normalised"].max()) == (0.0, 100.0)
+    runs = study.runs.copy(deep=True)
+    lost = int(grid.design[(grid.sweep == "gamma") & (grid.value == 4.0)][0])
+    flat = grid.design[(grid.sweep == "kappa") & (grid.value == 0.5)]
+    runs["auc"][lost], runs["auc"][flat] = np.inf, 3.0
+    table = results_table(runs, grid, exactly(np.ones(len(grid.designs.tau))), study.scale)
+    own = table[(table["sweep"] == "gamma") & (table["value"] == 4.0)]["auc_normalised"]
+    assert np.isinf(own).tolist() == [True, False, False, False] and (own.min(), own.iloc[1:].max()) == (0.0, 100.0)
+    assert (table[(table["sweep"] == "kappa") & (table["value"] == 0.5)]["auc_normalised"] == 0).all()
 
 
 def test_policies_are_chosen_on_some_seeds_and_judged_on_others(study: Study, grid: Grid) -> None:

@@ -66,7 +66,21 @@ def results_table(
         designs.loc[list(failed), metrics] = np.nan
         designs["error"] = [failed.get(k, "") for k in range(len(designs))]
     rows = designs.iloc[grid.design].reset_index(drop=True)
-    return pd.concat([pd.DataFrame({"sweep": grid.sweep, "value": grid.value}), rows], axis=1)
+    table = pd.concat([pd.DataFrame({"sweep": grid.sweep, "value": grid.value}), rows], axis=1)
+    table.insert(table.columns.get_loc("auc_se") + 1, "auc_normalised", _normalised(table))
+    return table
+
+
+def _normalised(table: pd.DataFrame) -> pd.Series:
+    """AUC of each value over its deadlines on the paper's scale, 100 (S - min S) / (max S - min S) (Eq. 22).
+
+    Infinite where AUC diverged, NaN where it failed, which are no ends of the scale; 0 on a curve that is flat, or has
+    one deadline: each of its values is the smallest.
+    """
+    finite = table["auc"].where(np.isfinite(table["auc"]))
+    curves = finite.groupby([table["sweep"], table["value"]], sort=False)
+    low, span = curves.transform("min"), curves.transform("max") - curves.transform("min")
+    return 100.0 * (table["auc"] - low.fillna(0.0)) / span.where(span > 0.0, 1.0)
 
 
 def sound(results: pd.DataFrame, policies: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
