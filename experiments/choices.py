@@ -33,7 +33,7 @@ from qocjax.figures.style import paper_style
 from qocjax.network import Edge
 
 ROOT = Path(__file__).resolve().parents[1]
-COLOURS = {"holds": "#BBD9F0", "does not hold": "#F2B48A", "undecided": "0.9"}
+COLOURS = {"holds": "#BBD9F0", "contradicted": "#F2B48A", "undecided": "0.9"}
 DEFAULT = ("default", "")
 RESULTS = ROOT / "experiments" / "results"
 PACKAGED = ROOT / "qocjax" / "study" / "tables" / "choices.csv"  # what flips, for the page of a study
@@ -122,9 +122,11 @@ def number(row: Mapping) -> str:
 
 
 def in_cell(row: Mapping) -> str:
-    """The same in few characters: percent, hundredths of QoC, centimetres."""
+    """The same in few characters: percent, hundredths of QoC, centimetres; else in its unit."""
     value = 100 * row["estimate"]
     text = f"{value:+.0f}" if abs(value) >= 9.95 else f"{value:+.1f}"
+    if row["unit"] not in ("J*", "spread", "share", "QoC", "m"):
+        return UNITS[row["unit"]].text(row["estimate"]).replace("-", "−")
     return text.lstrip("+-") if row["unit"] == "share" or not float(text) else text.replace("-", "−")
 
 
@@ -133,7 +135,7 @@ def draw(table: pd.DataFrame) -> Figure:
     choices = list(dict.fromkeys(zip(table["choice"], table["value"], strict=True)))
     height, width = len(CONCLUSIONS), len(choices)
     with paper_style():
-        figure = Figure(figsize=(10.5, 5.6), layout="constrained")
+        figure = Figure(figsize=(11.0, 1.6 + 0.27 * height), layout="constrained")
         axes = figure.subplots()
         for row in table.to_dict("records"):
             x = choices.index((row["choice"], row["value"]))
@@ -143,9 +145,7 @@ def draw(table: pd.DataFrame) -> Figure:
                 axes.add_patch(Rectangle((x - 0.44, y - 0.44), 0.88, 0.88, fill=False, edgecolor="black", lw=1.4))
             weight = "bold" if row["flips"] else "normal"
             axes.text(x, y, in_cell(row), ha="center", va="center", fontsize=7.5, weight=weight)
-        units = [UNITS[table[table["conclusion"] == each.number]["unit"].iloc[0]].name for each in CONCLUSIONS]
-        names = {"QoC": "0.01 QoC", "m": "cm"}
-        labels = [f"{c.claim} ({names.get(u, u)})  {c.number}" for c, u in zip(CONCLUSIONS, units, strict=True)]
+        labels = [f"{each.claim}  {each.number}" for each in CONCLUSIONS]
         axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), yticks=range(height), yticklabels=labels)
         axes.set_xticks(range(width), [" = ".join(filter(None, each)) for each in choices], rotation=40, ha="left")
         axes.xaxis.tick_top()
@@ -172,7 +172,9 @@ def page(table: pd.DataFrame) -> str:
         "its bound, or the farthest beyond it.\n\n![Conclusions and choices](choices.png)\n\n"
     )
     lines = ["| Conclusion | With the defaults | Choice | Then | |", "|---|---|---|---|---|"]
-    for row in table[table["flips"]].sort_values("conclusion", kind="stable").to_dict("records"):
+    order = {each.number: place for place, each in enumerate(CONCLUSIONS)}
+    flips = table[table["flips"]].sort_values("conclusion", kind="stable", key=lambda c: c.map(order))
+    for row in flips.to_dict("records"):
         before = usual.loc[row["conclusion"]]
         lines.append(
             f"| {row['conclusion']} {row['claim']} | {before['verdict']}: {number(before)} | "
@@ -181,7 +183,7 @@ def page(table: pd.DataFrame) -> str:
     left = table[table["verdict"] == "undecided"].groupby("conclusion")
     rest = "; ".join(
         f"{name}: " + ", ".join(f"`{c}={v}`" for c, v in zip(each["choice"], each["value"], strict=True))
-        for name, each in left
+        for name, each in sorted(left, key=lambda pair: order[pair[0]])
     )
     steady = [c for c in usual.index if not (table[table["conclusion"] == c]["verdict"] != usual["verdict"][c]).any()]
     return head + "\n".join(lines) + f"\n\nUndecided: {rest}.\n\nThe same whatever is chosen: {', '.join(steady)}.\n"
@@ -203,7 +205,7 @@ def main() -> None:
         given.out.mkdir(parents=True, exist_ok=True)
         table.to_csv(given.out / "choices.csv", index=False, float_format="%.5g")
     (given.out / "choices.md").write_text(page(table), encoding="utf-8")
-    draw(table).savefig(given.out / "choices.png", dpi=200)
+    draw(table).savefig(given.out / "choices.png", dpi=150)
     if given.out.resolve() == RESULTS:
         PACKAGED.parent.mkdir(exist_ok=True)
         packaged(table).to_csv(PACKAGED, index=False, float_format="%.5g")

@@ -1,183 +1,124 @@
-"""The paper's conclusions (model, section 7) as tests: one implementation, whatever is simulated.
+"""What the paper observes, sentence by sentence in its words, and how each is put to the test, whatever is simulated.
 
-A conclusion is one or more differences, each of which has to lie beyond a bound. Differences are paired over seeds;
-what is compared (best values, best deadlines, designs of the policies) was chosen on other seeds. The bounds ask for
-1 % of AUC or 0.0025 of QoC (the same at QoC = 1/2): less is no effect, however many seeds could show it. QoC is on the
-scale of each study, taken as given.
+Numbers are the paper's: sections III and IV (curves of AUC), V (policies), and its observations (i) to (vi) on single
+parameters. A sentence that says several things has a letter for each. What no simulation here can say has its reason in
+place of a test. `MODEL` has readings that the paper does not spell out, and what it does not ask.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from experiments.settings import GRIDS, Bench
-from experiments.verdicts import Finding, Part, ratio
-from qocjax.study.sweep import qoc_by_seed
-
-LEAST = 0.01  # of the baseline's AUC at its best deadline: the smallest effect that counts
-LEAST_QOC = LEAST / 4  # the same at QoC = 1/2, where dQ = -dJ/J / 4
-
-Found = tuple[list[Part], str]
+from experiments.claims import Test, curves, parameters, policies
+from experiments.settings import Bench
+from experiments.verdicts import Finding
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What the paper observes, and how it is put to the test."""
+    """A sentence of the paper, or a reading of one."""
 
     number: str
-    claim: str
-    test: Callable[[Bench], Found]
+    quote: str  # the paper's words; empty for what it does not say
+    claim: str  # what is tested, in short
+    test: Test | str  # a text says why there is none
     sweep: str = "any"  # in which a reader of a study meets it
 
     def judge(self, bench: Bench) -> Finding:
-        """Puts it to the test."""
-        return Finding(*self.test(bench))
+        """Puts it to the test.
+
+        Raises:
+            TypeError: It cannot be tested.
+        """
+        if isinstance(self.test, str):
+            raise TypeError(f"{self.number}: {self.test}")
+        return self.test(bench)
 
 
-def steep_fall(bench: Bench) -> Found:
-    """Observation 1, where AUC falls."""
-    axis = [0, 40, 60, 80, 100, 120, 160, 200, 300, 400, 800]
-    values = dict(zip(axis, bench.auc(deadline_ms=axis), strict=True))
-    best = bench.auc(deadline_ms=[bench.best[0]])[0]
-    share = ratio(values[100] - values[200], values[0] - best)
-    note = "AUC at " + ", ".join(map(str, axis)) + " ms: " + ", ".join(f"{values[d].mean():.3g}" for d in axis) + " s"
-    return [Part("part of the fall from Δ = 0 to the best that lies between 100 and 200 ms", share, "share", 0.5)], note
+_WORDS = "a definition, from which nothing follows that could fail"
+_MEASURED = "needs the AUC that the paper measured, which is not published; `qocjax.validate` takes other measurements"
+_ROBOTS = "measured on robots over a link whose losses are not published; `qocjax.qos` says what a model of it gives"
 
+SENTENCES = (
+    Conclusion("III.1", "at very low latency-reliability levels, AUC … worsens substantially, across the entire range "
+               "of simulated values for both the repulsive gain and the sampling period",
+               "AUC is worst at very low Δ, for all η and τ", curves.worse_early),
+    Conclusion("III.2", "attributed to very high packet drops that did not let the control commands be updated",
+               "Missed loops make it so", curves.drops),
+    Conclusion("III.3",
+               "Once sufficient reliability is achieved, AUC remains largely unchanged with different sampling periods",
+               "Past enough reliability AUC hardly depends on τ", curves.sampling, "tau"),
+    Conclusion("III.4", "worsening AUC as the repulsive gain grows together with high delays",
+               "AUC worsens with η, more so at high delay", curves.repulsion, "eta"),
+    Conclusion("IV.1", "Both cases follow similar trends", "simulation and experiment agree", _MEASURED),
+    Conclusion("IV.2a", "reliability improving strongly around 100–200 ms", "F rises strongly between 100 and 200 ms",
+               curves.reliability),
+    Conclusion("IV.2b", "", "AUC falls steeply between 100 and 200 ms (a reading)", curves.steep_fall),
+    Conclusion("IV.3", "the delay dominance region starts at similar delays as well", "the same of the last regime",
+               _MEASURED),
+    Conclusion("IV.4", "the low-reliability, intermediate-reliability, and delay-dominant regimes are reproduced",
+               "AUC has three regimes, an intermediate Δ is best", curves.regimes),
+    Conclusion("V.1", "MinDelay can be suboptimal because low delay does not guarantee timely/reliable loop "
+               "completion, leading to stale/missed updates (ZOH) and increased disagreement",
+               "Co-design beats MinDelay, which misses loops", policies.min_delay),
+    Conclusion("V.2",
+               "MaxRel improves delivery probability but incurs large delays, making the closed-loop response sluggish",
+               "Co-design beats MaxRel, which is sluggish", policies.max_rel),
+    Conclusion("V.3", "selects intermediate delay-reliability regimes and corresponding parameter values that maximize "
+               "QoC, consistently", "Co-design is best, at an intermediate Δ", policies.co_design),
+    Conclusion("i.1", "governs how aggressively robots can react to goal and avoidance commands", "what ν^max is",
+               _WORDS),
+    Conclusion("i.2", "under MinDelay (low reliability), higher ν^max amplifies the effect of stale headings and can "
+               "increase disagreement", "A higher ν^max hurts under MinDelay", parameters.mobility_hurts, "v_max"),
+    Conclusion("i.3",
+               "co-design prefers moderate delays where updates are reliable enough to safely exploit higher mobility",
+               "Co-design gains safely by a higher ν^max", parameters.mobility_pays, "v_max"),
+    Conclusion("ii.1", "larger repulsion spreads robots apart", "η keeps robots apart", parameters.spreads, "eta"),
+    Conclusion("ii.2", "can increase disagreement", "A larger η can raise AUC", parameters.disagreement, "eta"),
+    Conclusion("ii.3", "the QoC-optimal setting tends to be moderate (or lower)", "A lower to moderate η wins",
+               parameters.low_repulsion, "eta"),
+    Conclusion("ii.4", "while still preventing close approaches", "The η that wins keeps robots apart",
+               parameters.keeps_apart, "eta"),
+    Conclusion("iii.1", "changes both the control update rate and the per-attempt transmission granularity",
+               "what τ is", "a definition, and on the paper's network nothing is transmitted (T_UL = T_DL = 0)"),
+    Conclusion("iii.2", "when reliability is low, frequent updates do not help because many are missed (ZOH dominates)",
+               "Frequent updates do not help at low reliability", parameters.frequent_updates, "tau"),
+    Conclusion("iii.3", "at reliable operating points an appropriate τ reduces staleness without inducing overly "
+               "sluggish behavior", "At reliable Δ a shorter τ makes commands fresher", parameters.fresher, "tau"),
+    Conclusion("iv.1a", "too large κ under stale information can cause overshoot/oscillation",
+               "A large κ on stale information makes robots oscillate", parameters.oscillation, "kappa"),
+    Conclusion("iv.1b", "can cause … (worse QoC)", "A large κ on stale information can cost QoC",
+               parameters.stiff(True), "kappa"),
+    Conclusion("iv.1c", "", "A large κ on stale information always costs QoC", parameters.stiff(False),
+               "kappa"),
+    Conclusion("iv.2", "too small κ yields slow convergence", "Robots with a small κ come late", parameters.slow,
+               "kappa"),
+    Conclusion("iv.3a", "co-design selects κ jointly with an intermediate delay where the loop is both responsive",
+               "Co-design's Δ for κ is intermediate and responsive", parameters.between("kappa"), "kappa"),
+    Conclusion("iv.3b", "and reliable", "Co-design's Δ for κ is reliable (F > 1/2)", parameters.reliable("kappa"),
+               "kappa"),
+    Conclusion("v.1", "aggressive heading gains are sensitive to delayed direction estimates",
+               "A high γ hurts at high delay", parameters.late_heading, "gamma"),
+    Conclusion("v.2a", "operating in regimes where heading errors are updated reliably",
+               "Co-design's Δ for γ is reliable (F > 1/2)", parameters.reliable("gamma"), "gamma"),
+    Conclusion("v.2b", "γ can be increased without instability",
+               "Co-design takes a higher γ than MaxRel and gains by it", parameters.heading_pays, "gamma"),
+    Conclusion("vi.1", "inflates safety margins with age-of-information", "c_miss keeps robots apart under drops",
+               parameters.margins, "c_miss"),
+    Conclusion("vi.2", "larger values are beneficial under packet drops", "A larger c_miss lowers AUC under drops",
+               parameters.under_drops, "c_miss"),
+    Conclusion("vi.3", "become unnecessarily restrictive at high delays where the system is already sluggish",
+               "A larger c_miss raises AUC at high delay", parameters.restrictive, "c_miss"),
+    Conclusion("vi.4", "leading to a moderate co-design choice", "A moderate c_miss wins",
+               parameters.moderate("c_miss"), "c_miss"),
+    Conclusion("V.B", "RELIABLE QoS restores performance (51.5 % higher QoC)", "RELIABLE gains 51.5 %", _ROBOTS),
+)  # fmt: skip
 
-def intermediate(bench: Bench) -> Found:
-    """Observation 1, the best deadline."""
-    zero, best, last = bench.auc(deadline_ms=[0, bench.best[0], 800]) / bench.best[1]
-    return [
-        Part("Δ = 0 less the best", zero - best, "J*", LEAST),
-        Part("Δ = 800 ms less the best", last - best, "J*", LEAST),
-        Part("Δ = 0 less Δ = 800 ms", zero - last, "J*", LEAST),
-    ], f"the best Δ is {bench.best[0]:g} ms, J* = {bench.best[1]:.3g} s"
+MODEL = (
+    Conclusion("M.1", "", "A moderate ν^max wins", parameters.moderate("v_max"), "v_max"),
+    Conclusion("M.2", "", "A moderate κ wins", parameters.moderate("kappa"), "kappa"),
+    Conclusion("M.3", "", "A high γ helps when the loop is fast", parameters.fast_heading, "gamma"),
+    Conclusion("S", "", "Co-design's choices (but for η) keep robots apart", policies.apart),
+)  # fmt: skip
 
-
-def sampling(bench: Bench) -> Found:
-    """Observation 2, tau."""
-    parts = []
-    for deadline in (300, 400, 600):
-        chosen = bench.auc(seeds=bench.choosing, deadline_ms=deadline, tau=GRIDS["tau"]).mean(axis=1)
-        judged = bench.auc(deadline_ms=deadline, tau=GRIDS["tau"])
-        spread = ratio(judged[chosen.argmax()], judged[chosen.argmin()]) - 1
-        parts.append(Part(f"worst less best τ at {deadline} ms", spread, "spread", 0.1, above=False))
-    return parts, ""
-
-
-def repulsion(bench: Bench) -> Found:
-    """Observation 2, eta."""
-    early, late = (bench.change("eta", 0.2, 2.0, deadline) for deadline in (200, 700))
-    return [
-        Part("η from 0.2 to 2 at 200 ms", early, "J*", LEAST),
-        Part("at 700 ms, that much more", late - early, "J*", LEAST),
-    ], ""
-
-
-def beaten(policy: str) -> Callable[[Bench], Found]:
-    """Observation 3, against one policy."""
-
-    def test(bench: Bench) -> Found:
-        study, parts = bench.study, []
-        scores = qoc_by_seed(study.evaluation, study.scale)
-        table = study.policies.set_index("policy")
-        for sweep in GRIDS:
-            both = [scores[bench.place(sweep, name)] for name in ("Co-design", policy)]
-            parts.append(Part(f"sweep of {sweep}", both[0] - both[1], "QoC", LEAST_QOC))
-        best = 1e3 * table.loc["Co-design", "deadline"]
-        other = 1e3 * table.loc[policy, "deadline"]
-        return (
-            parts,
-            f"Co-design's Δ is {best.min():g} to {best.max():g} ms, {policy}'s {other.min():g} to {other.max():g} ms",
-        )
-
-    return test
-
-
-def moderate(name: str) -> Callable[[Bench], Found]:
-    """Observation 4: the best value inside the grid against both ends, each at its own best deadline."""
-
-    def test(bench: Bench) -> Found:
-        chosen, judged = bench.best_scores(name)
-        inner = 1 + int(chosen[1:-1].argmax())
-        ends = (0, len(chosen) - 1)
-        parts = [Part(f"less {name} = {GRIDS[name][k]:g}", judged[inner] - judged[k], "QoC", LEAST_QOC) for k in ends]
-        return parts, f"the best inside the grid is {GRIDS[name][inner]:g}"
-
-    return test
-
-
-def low_repulsion(bench: Bench) -> Found:
-    """Observation 4, eta: the best up to the baseline's against those above."""
-    chosen, judged = bench.best_scores("eta")
-    grid = GRIDS["eta"]
-    last = grid.index(0.6)
-    best = int(chosen[: last + 1].argmax())
-    above = range(last + 1, len(grid))
-    parts = [Part(f"less η = {grid[k]:g}", judged[best] - judged[k], "QoC", LEAST_QOC) for k in above]
-    collided = bench.runs(bench.judging, deadline_ms=bench.best[0], eta=grid[:2])["collided"].values.mean(axis=1)
-    return parts, (
-        f"the best is η = {grid[best]:g}; at the baseline's best Δ {collided[0]:.0%} of the runs come closer than two "
-        f"radii with η = 0, {collided[1]:.0%} with 0.2"
-    )
-
-
-def fast_heading(bench: Bench) -> Found:
-    """Observation 5, gamma on a fast loop."""
-    values = bench.change("gamma", 2.0, 6.0, 40, bench.fast)
-    return [Part("γ from 2 to 6 at Δ = 40 ms, loops of 20 ± 5 ms", values, "J*", -LEAST, above=False)], ""
-
-
-def slow_heading(bench: Bench) -> Found:
-    """Observation 5, gamma at high delay."""
-    return [Part("γ from 2 to 6 at Δ = 600 ms", bench.change("gamma", 2.0, 6.0, 600), "J*", LEAST)], ""
-
-
-def drops(bench: Bench) -> Found:
-    """Observation 5, c_miss under drops."""
-    shares = ", ".join(f"F = {bench.completing(d)} at {d} ms" for d in (100, 140))
-    return [
-        Part(f"c_miss from 0 to 0.8 at {d} ms", bench.change("c_miss", 0.0, 0.8, d), "J*", -LEAST, above=False)
-        for d in (100, 140)
-    ], shares
-
-
-def distance_under_drops(bench: Bench) -> Found:
-    """Observation 5, c_miss and the distance between robots."""
-    runs = bench.runs(bench.judging, deadline_ms=120, c_miss=[0.0, 0.8])["min_distance"].values.astype(float)
-    return [Part("smallest distance, c_miss from 0 to 0.8 at 120 ms", runs[1] - runs[0], "m", 0.01)], ""
-
-
-def staleness(bench: Bench) -> Found:
-    """Observation 5, c_miss at high delay."""
-    return [Part("c_miss from 0 to 0.8 at 700 ms", bench.change("c_miss", 0.0, 0.8, 700), "J*", -LEAST)], ""
-
-
-def apart(bench: Bench) -> Found:
-    """No observation of the paper's: what Co-design chooses, but in the sweep of eta, keeps the robots apart."""
-    collided = bench.study.evaluation["collided"].values
-    return [
-        Part(f"runs that come too close, sweep of {sweep}",
-             collided[bench.place(sweep, "Co-design")].astype(bool), "share", 0.05, above=False)
-        for sweep in GRIDS if sweep != "eta"
-    ], ""  # fmt: skip
-
-
-CONCLUSIONS = (
-    Conclusion("1a", "AUC falls steeply between Δ = 100 and 200 ms", steep_fall),
-    Conclusion("1b", "An intermediate Δ is best", intermediate),
-    Conclusion("2a", "Past enough reliability AUC hardly depends on τ", sampling, "tau"),
-    Conclusion("2b", "AUC worsens with η, more so at high delay", repulsion, "eta"),
-    Conclusion("3a", "Co-design beats MinDelay in each sweep", beaten("MinDelay")),
-    Conclusion("3b", "Co-design beats MaxRel in each sweep", beaten("MaxRel")),
-    Conclusion("4a", "A moderate ν^max wins", moderate("v_max"), "v_max"),
-    Conclusion("4b", "A moderate κ wins", moderate("kappa"), "kappa"),
-    Conclusion("4c", "A lower to moderate η wins", low_repulsion, "eta"),
-    Conclusion("5a", "A high γ hurts at high delay", slow_heading, "gamma"),
-    Conclusion("5b", "A high γ helps when the loop is fast", fast_heading, "gamma"),
-    Conclusion("5c", "A larger c_miss lowers AUC under drops", drops, "c_miss"),
-    Conclusion("5c'", "A larger c_miss keeps robots apart under drops", distance_under_drops, "c_miss"),
-    Conclusion("5d", "A larger c_miss does not help at high delay", staleness, "c_miss"),
-    Conclusion("S", "Co-design's choices (but for η = 0) keep robots apart", apart),
-)
+CONCLUSIONS = tuple(each for each in (*SENTENCES, *MODEL) if not isinstance(each.test, str))

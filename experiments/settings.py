@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from qocjax import Design, Network, QocScale, Rules, Scenario, evaluate, one_at_a_time, paper_network, run_study
@@ -59,9 +60,22 @@ class Bench:
         designs = replace(self.setting.baseline, deadline=deadline, **values)
         return evaluate(self.setting.scenario, designs, network or self.network, seeds, rules=self.setting.rules)
 
-    def auc(self, *, seeds: range | None = None, network: Network | None = None, **values: float | list[float]):
-        """[G, S] mean over robots, by default on the judging seeds."""
-        return self.runs(seeds or self.judging, network, **values)["auc"].values.astype(float).mean(axis=-1)
+    def metric(
+        self, name: str, *, seeds: range | None = None, network: Network | None = None, **values: float | list[float]
+    ) -> np.ndarray:
+        """[G, S] a metric of runs, see `numbers`; by default on the judging seeds."""
+        return self.numbers(self.runs(seeds or self.judging, network, **values), name)
+
+    def auc(self, **options) -> np.ndarray:
+        """[G, S] AUC (s), see `metric`."""
+        return self.metric("auc", **options)
+
+    def numbers(self, runs: xr.Dataset, name: str) -> np.ndarray:
+        """[G, S] a metric, mean over robots; robots that never arrive do so at the horizon."""
+        values = runs[name].values.astype(float)
+        if name == "arrival_time":
+            values = np.minimum(values, self.setting.scenario.horizon)
+        return values if values.ndim == 2 else values.mean(axis=-1)
 
     @cached_property
     def best(self) -> tuple[float, float]:
@@ -69,7 +83,14 @@ class Bench:
         mean = self.auc(seeds=self.choosing, deadline_ms=AXIS_MS.tolist()).mean(axis=1)
         return float(AXIS_MS[mean.argmin()]), float(mean.min())
 
-    def change(self, name: str, low: float, high: float, deadline_ms: float, network: Network | None = None):
+    @cached_property
+    def low(self) -> float:
+        """MinDelay's deadline at the baseline's sampling period (ms): the paper's "MinDelay (low reliability)"."""
+        return 1e3 * self.chosen("kappa", "MinDelay", "deadline")
+
+    def change(
+        self, name: str, low: float, high: float, deadline_ms: float, network: Network | None = None
+    ) -> np.ndarray:
         """[S] AUC with the parameter at `high` less AUC with it at `low`, relative to J*."""
         lower, upper = self.auc(network=network, deadline_ms=deadline_ms, **{name: [low, high]})
         return (upper - lower) / self.best[1]
@@ -86,21 +107,35 @@ class Bench:
             self.judging, rules=setting.rules, min_reliability=setting.min_reliability, scale=scale,
         )  # fmt: skip
 
+    def best_deadlines(self, name: str) -> list[float]:
+        """The deadline (ms) of the best QoC of each value of a sweep, on the choosing seeds."""
+        return (1e3 * self._best_rows(name)["deadline"]).tolist()
+
     def best_scores(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Each value of a sweep at its own best deadline: QoC when chosen [V], and on the judging seeds [V, S]."""
+        runs = self.runs(self.judging, deadline_ms=self.best_deadlines(name), **{name: GRIDS[name]})
+        return self._best_rows(name)["qoc"].to_numpy(), qoc_by_seed(runs, self.study.scale)
+
+    def _best_rows(self, name: str) -> pd.DataFrame:
         rows = self.study.results[self.study.results["sweep"] == name]
-        rows = rows.loc[rows.groupby("value")["qoc"].idxmax()]
-        runs = self.runs(self.judging, deadline_ms=(1e3 * rows["deadline"]).tolist(), **{name: rows["value"].tolist()})
-        return rows["qoc"].to_numpy(), qoc_by_seed(runs, self.study.scale)
+        return rows.loc[rows.groupby("value")["qoc"].idxmax()]
 
     def completing(self, deadline_ms: float) -> str:
         """Share of loops that complete at the usual sampling period."""
         tau = self.setting.baseline.tau
         return f"{float(reliability_of(self.network, self.setting.scenario, deadline_ms / 1e3, tau).share):.1%}"
 
+    def chosen(self, sweep: str, policy: str, column: str = "value") -> float:
+        """What a policy chose in a sweep, a column of the study's table."""
+        table = self.study.policies
+        return float(table[(table["sweep"] == sweep) & (table["policy"] == policy)].iloc[0][column])
+
     def place(self, sweep: str, policy: str) -> int:
         """Where a policy's choice lies in the study's runs on the judging seeds."""
-        table = self.study.policies
-        row = table[(table["sweep"] == sweep) & (table["policy"] == policy)].iloc[0]
-        design = replace(self.setting.baseline, deadline=float(row["deadline"]), **{sweep: float(row["value"])})
-        return place_of(self.study.evaluation, design)
+        values = {sweep: self.chosen(sweep, policy), "deadline": self.chosen(sweep, policy, "deadline")}
+        return place_of(self.study.evaluation, replace(self.setting.baseline, **values))
+
+    def reached(self, name: str, sweep: str, policy: str) -> np.ndarray:
+        """[S] a metric of a policy's choice on the judging seeds, or its `qoc`."""
+        k, runs = self.place(sweep, policy), self.study.evaluation
+        return qoc_by_seed(runs, self.study.scale)[k] if name == "qoc" else self.numbers(runs, name)[k]

@@ -44,6 +44,10 @@ _UNITS = {
     "J*": (100.0, "+.1f", " % of the baseline's best AUC"),
     "QoC": (1.0, "+.4f", " QoC"),
     "m": (1.0, "+.3f", " m"),
+    "s": (1.0, "+.2f", " s"),
+    "ms": (1.0, "+.0f", " ms"),
+    "times": (1.0, ".0f", " times"),
+    "1/s": (1.0, "+g", " 1/s"),
 }
 
 
@@ -99,7 +103,8 @@ def _rests(rows: pd.DataFrame, others: int) -> str:
 
 
 def _verdicts(rows: pd.DataFrame) -> str:
-    return ", ".join(f"“{row['claim']}” {row['verdict']}" for row in rows.to_dict("records"))
+    words = {"holds": "holds", "contradicted": "is contradicted"}
+    return ", ".join(f"“{row['claim']}” {words[row['verdict']]}" for row in rows.to_dict("records"))
 
 
 def _number(row: dict) -> str:
