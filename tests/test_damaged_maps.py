@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -104,6 +105,53 @@ def test_a_picture_that_unpacks_to_far_more_is_refused(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text(YAML.format("map.pgm"))
     (tmp_path / "map.pgm").write_bytes(b"P5\n200000 200000\n255\n" + bytes(100))
     assert outcome(tmp_path / "map.yaml") is None
+
+
+@pytest.mark.parametrize("kind", ["EPS", "TIFF", "GIF", "JPEG", "ICO"])
+def test_pictures_of_other_formats_are_not_opened(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the file is called; that of EPS would start a program."""
+    monkeypatch.setattr("PIL.EpsImagePlugin.Ghostscript", lambda *_, **__: pytest.fail("started a program"))
+    (tmp_path / "map.yaml").write_text(YAML.format("map.pgm"))
+    Image.fromarray(PIXELS).save(tmp_path / "map.pgm", format=kind)
+    with pytest.raises(ValueError, match="map.pgm: is no PGM, PNG or BMP image that can be read"):
+        read_map(tmp_path / "map.yaml")
+
+
+def test_a_bitmap_is_the_same_map(tmp_path: Path) -> None:
+    for name in ("map.pgm", "map.bmp"):
+        Image.fromarray(PIXELS).save(tmp_path / name)
+        (tmp_path / f"{name}.yaml").write_text(YAML.format(name))
+    found, same = (read_map(tmp_path / f"{name}.yaml").cost for name in ("map.pgm", "map.bmp"))
+    assert (found == same).all()
+
+
+def test_a_picture_of_fractions_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(YAML.format("map.pgm"))
+    (tmp_path / "map.pgm").write_bytes(b"Pf\n2 2\n-1.0\n" + np.ones(4, "<f4").tobytes())
+    with pytest.raises(ValueError, match=r"map.pgm: got a picture of fractions \(PFM\), expected 8 or 16 bits"):
+        read_map(tmp_path / "map.yaml")
+
+
+def test_a_large_map_takes_a_few_times_its_pixels(tmp_path: Path) -> None:
+    """3000 x 3000 in bands whose edges fall within it, against its own pixels; NumPy tells what was allocated."""
+    cells = np.where(np.random.default_rng(1).random((3000, 3000)) < 0.3, 0, 254).astype(np.uint8)
+    (tmp_path / "map.yaml").write_text(YAML.format("map.pgm"))
+    (tmp_path / "map.pgm").write_bytes(b"P5\n3000 3000\n255\n" + cells.tobytes())
+    tracemalloc.start()
+    try:
+        found = read_map(tmp_path / "map.yaml").cost
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert (found == np.where(cells[::-1] == 0, 254, 0)).all()
+    assert peak < 6 * cells.size, peak
+
+
+def test_more_pixels_than_any_map_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(YAML.format("map.pgm"))
+    (tmp_path / "map.pgm").write_bytes(b"P5\n12500 12500\n255\n" + bytes(100))
+    with pytest.raises(ValueError, match="map.pgm: has 12500 x 12500 pixels, expected at most 150 million"):
+        read_map(tmp_path / "map.yaml")
 
 
 def test_pipes_are_not_waited_for(tmp_path: Path) -> None:

@@ -242,7 +242,7 @@ def test_a_wrong_image_or_no_file_is_named(tmp_path):
         read_map(tmp_path / "nowhere.yaml")
     for content in (b"no picture", b"P5 300 300 255\n123"):
         (tmp_path / "map.pgm").write_bytes(content)
-        with pytest.raises(ValueError, match="map.pgm: is no PGM or PNG image that can be read") as caught:
+        with pytest.raises(ValueError, match="map.pgm: is no PGM, PNG or BMP image that can be read") as caught:
             read_map(path)
         assert "\n" not in str(caught.value)
 

@@ -19,6 +19,7 @@ from qocjax.figures.save import save
 from qocjax.statistics.scales import scale_text
 from qocjax.store import write_json, write_table
 from qocjax.store.provenance import provenance
+from qocjax.study.problem import data_of
 from qocjax.transport.paper_gain import paper_gain_text
 from qocjax.transport.qos import QosStudy, qos_study
 

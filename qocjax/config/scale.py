@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from omegaconf import OmegaConf
 
+from qocjax._reading import read_text
+from qocjax._yaml import plain
 from qocjax.quality import QocScale
 from qocjax.scenario import Scenario
 from qocjax.store.study_folder import RECORD
@@ -61,10 +62,10 @@ def _read(option: str, source: str, scenario: Scenario) -> QocScale:
         known = ", ".join(sorted(each.stem for each in _COMMITTED.glob("*.yaml")))
         raise ValueError(f"{option}: got {source}, expected the folder of a finished study, a file, or one of {known}")
     try:
-        text = path.read_text(encoding="utf-8")
-        found: Any = json.loads(text) if path.suffix == ".json" else OmegaConf.to_container(OmegaConf.create(text))
+        text = read_text(path)
+        found: Any = json.loads(text) if path.suffix == ".json" else plain(text)
         scale = QocScale(float(found["j_med"]), float(found["j_max"]))
-    except (ValueError, TypeError, KeyError, UnicodeDecodeError, OSError) as error:
+    except Exception as error:  # whatever a damaged file makes its reader, or a value that is no number, raise
         raise ValueError(f"{option}: {path}: holds no j_med and j_max ({type(error).__name__})") from None
     own, other = yardstick(scenario), found.get("yardstick")
     if isinstance(other, dict):

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import yaml
 
-from qocjax._reading import read_bytes, read_text
+from qocjax._reading import read_bytes, read_text, told
+from qocjax._yaml import composed
 
 __all__ = ["Document", "Found", "Section", "Value", "source_text"]
 
@@ -67,12 +68,14 @@ class Document:
     def __init__(self, text: str, name: str) -> None:
         self.text, self.name = text, name
         try:
-            self.root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+            self.root = composed(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
             raise ValueError(f"{name}:{mark.line + 1 if mark else 1}: no YAML: {error.problem}") from None
         except yaml.YAMLError as error:
             raise ValueError(f"{name}:1: no YAML: {str(error).splitlines()[0]}") from None
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{name}:1: cannot be read: {told(error)}") from None
         if self.root is not None and not isinstance(self.root, yaml.MappingNode):
             raise ValueError(f"{name}:1: got no mapping, expected the parameters of ROS nodes")
         self._seen: set[int] = set()

@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 from qocjax._reading import read_text
+from qocjax._yaml import plain
 from qocjax.nav2.checks import LIMITS, check_limits, qos_remarks
 from qocjax.nav2.document import Document, Found, Value
 from qocjax.nav2.facts import Fact, facts, plugins_of
@@ -247,8 +248,8 @@ def _of(limits: tuple[float, ...] | None, index: int) -> float | None:
 def _points(footprint: Value | None) -> list[tuple[float, float]]:
     """Corners of a footprint such as "[[0.3, 0.2], [-0.3, 0.2], ...]" (m); none where it gives none."""
     try:
-        corners = yaml.safe_load(footprint) if isinstance(footprint, str) else None
-    except yaml.YAMLError:
+        corners = plain(footprint) if isinstance(footprint, str) else None
+    except (yaml.YAMLError, ValueError, RecursionError):
         return []
     return list(_pairs(corners)) if isinstance(corners, list) and len(corners) > 2 else []
 

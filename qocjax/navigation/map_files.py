@@ -1,17 +1,19 @@
-"""Static maps from the files of ROS: map.yaml beside a PGM or PNG image (nav2_map_server)."""
+"""Static maps from the files of ROS: map.yaml beside a PGM, PNG or BMP image (nav2_map_server)."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from qocjax import _checks
-from qocjax._reading import check_regular, read_text, told
+from qocjax._reading import read_text, told
 from qocjax.cost_values import FREE, LETHAL, UNKNOWN
 from qocjax.navigation.grid import Grid
+from qocjax.navigation.map_images import bands, size_of
 from qocjax.navigation.maps import StaticMap
 
 __all__ = ["read_map"]
@@ -19,7 +21,7 @@ __all__ = ["read_map"]
 _MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
 _REQUIRED = _KEYS[:5]
-_OF_IMAGES = (OSError, SyntaxError)  # what Pillow raises where it cannot read one
+_LONGEST = 1 << 18  # letters of a map's YAML
 _OCCUPIED, _NO_INFORMATION = 100, -1  # of an occupancy grid
 RELEASES = ("jazzy", "humble")
 _LUMA = np.array([0.299, 0.587, 0.114])  # of red, green, blue in grey
@@ -61,10 +63,21 @@ def read_map(path: str | Path, trinary_costmap: bool = True, release: str = "jaz
         found = False
     if not found:
         raise ValueError(f"{values.at('image')}: found no file {_shown(values.text('image'))} in {path.parent}")
-    shade, opacity = _pixels(image)
     rule = _occupancy if release == "jazzy" else _occupancy_humble
-    occupancy = rule(shade, opacity, negate, mode, (occupied, free))[::-1]  # the first row of an image is its top
-    return StaticMap(Grid(resolution, origin, occupancy.shape), _cost(occupancy, trinary_costmap), path.name)
+
+    def cost_of(shade: np.ndarray, opacity: np.ndarray | None) -> np.ndarray:
+        return _cost(rule(shade, opacity, negate, mode, (occupied, free)), trinary_costmap)
+
+    cost = _costs(image, cost_of)
+    return StaticMap(Grid(resolution, origin, cost.shape), cost, path.name)
+
+
+def _costs(image: Path, cost_of: Callable[[np.ndarray, np.ndarray | None], np.ndarray]) -> np.ndarray:
+    """Costs [rows, cols] of an image, worked out some rows at a time; the first row of an image is its top."""
+    cost = np.empty(size_of(image), np.uint8)
+    for first, shade, opacity in bands(image):
+        cost[first : first + len(shade)] = cost_of(shade, opacity)
+    return cost[::-1]
 
 
 def _occupancy(
@@ -110,36 +123,18 @@ def _cost(occupancy: np.ndarray, trinary_costmap: bool) -> np.ndarray:
     return np.where(occupancy == _NO_INFORMATION, UNKNOWN, known)
 
 
-def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Colours [height, width, 3] and opacity [height, width] of an image, 0 to 1; None where it has no opacity."""
-    from PIL import Image  # comes with Matplotlib
-
-    check_regular(path)
-    try:
-        with Image.open(path) as image:
-            image.verify()  # the checksums, which loading the pixels passes over
-        with Image.open(path) as image:
-            if image.mode.startswith("I"):  # 16 bits of grey
-                grey = np.asarray(image, dtype=float) / 65535
-                return np.repeat(grey[..., None], 3, axis=-1), None
-            clear = "A" in image.getbands() or "transparency" in image.info
-            pixels = np.asarray(image.convert("RGBA"), dtype=float) / 255
-    except Exception as error:  # decoders raise what they like: SyntaxError, struct.error, MemoryError, a bomb
-        words = told(error).replace(f" '{path}'", "")
-        raise ValueError(f"{path}: is no PGM or PNG image that can be read: {words}") from None
-    return pixels[..., :3], pixels[..., 3] if clear else None
-
-
 class _Values:
     """Values of a YAML file, each with its line."""
 
     def __init__(self, path: Path) -> None:
         import yaml  # type: ignore[import-untyped,unused-ignore]  # comes with OmegaConf
 
+        from qocjax._yaml import composed
+
         self.path = path
         text = read_text(path)
         try:
-            root = yaml.compose(text, Loader=yaml.SafeLoader)
+            root: Any = composed(text, most=_LONGEST)
             content = yaml.safe_load(text)
         except yaml.YAMLError as error:
             mark = getattr(error, "problem_mark", None)

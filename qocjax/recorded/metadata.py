@@ -32,10 +32,13 @@ def read_metadata(folder: Path) -> Metadata:
     """
     import yaml  # type: ignore[import-untyped,unused-ignore]  # comes with OmegaConf
 
+    from qocjax._yaml import composed
+
     path = folder / METADATA
     text = read_text(path)
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     with decoding(path, "metadata of rosbag2"):
+        composed(text, loader)
         values = yaml.load(text, Loader=loader)["rosbag2_bagfile_information"]
         counts: dict[tuple[str, str], int] = {}
         for topic in values["topics_with_message_count"]:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from qocjax._reading import open_regular
+from qocjax._reading import check_regular, open_regular
 
 __all__ = ["ZSTD", "unpacked", "unpacked_file"]
 
@@ -72,15 +72,20 @@ def _decompressor(method: str) -> Callable[[], Any]:
 
 
 def unpacked_file(packed: Path, place: Path) -> bool:
-    """Writes what a .zstd file holds to another file; returns whether all of it could be had."""
-    part = _decompressor("zstd")()
+    """Writes what a .zstd file holds to another file; returns whether all of it could be had.
+
+    What unpacks to far more than recordings do is left off where it does.
+    """
+    part, room = _decompressor("zstd")(), max(_FLOOR, _RATIO * check_regular(packed))
     with open_regular(packed) as source, place.open("wb") as target:
         try:
             while block := source.read(_BLOCK):
                 while block or not (part.eof or part.needs_input):
                     if part.eof:  # files may be several frames, one after the other
                         part = _decompressor("zstd")()
-                    target.write(part.decompress(block, _BLOCK))
+                    room -= target.write(part.decompress(block, _BLOCK))
+                    if room < 0:
+                        return False
                     block = part.unused_data if part.eof else b""
         except Exception as error:
             if isinstance(error, OSError):

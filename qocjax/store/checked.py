@@ -10,8 +10,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_STORED
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 
 from qocjax.store.files import written
 
@@ -41,7 +43,7 @@ def read_checked(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         ValueError: The file is damaged; the message names it.
         OSError: It cannot be read at all.
     """
-    with _damage_named(path), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+    with _opened(path) as file:
         arrays = {name: file[name] for name in file.files}
         header = json.loads(arrays.pop(_HEADER).tobytes())
         checksum = header.pop("checksum")
@@ -57,8 +59,17 @@ def read_array(path: Path, name: str) -> np.ndarray:
         ValueError: The file is damaged; the message names it.
         OSError: It cannot be read at all.
     """
-    with _damage_named(path), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+    with _opened(path) as file:
         return np.asarray(file[name])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[NpzFile]:
+    """An archive of arrays as they are written here: not packed, so that it holds no more than its size."""
+    with _damage_named(path), open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+        if any(each.compress_type != ZIP_STORED for each in file.zip.infolist()):
+            raise ValueError("packed")
+        yield file
 
 
 @contextmanager

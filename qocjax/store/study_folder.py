@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from qocjax._yaml import plain
 from qocjax.store.checked import read_array, read_checked, write_checked
 from qocjax.store.files import write_json
 from qocjax.store.identity import differences
@@ -208,8 +209,8 @@ def command_of(folder: Path) -> str | None:
     if (folder / "multirun.yaml").is_file():
         raise ValueError(f"{folder}: got several runs, each in a folder of its own inside, expected one of them")
     try:
-        options = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        options = plain((folder / "config.yaml").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):
         return None
     if not isinstance(options, dict):
         return None

@@ -12,6 +12,7 @@ import pandas as pd
 import yaml
 
 from qocjax._card import card
+from qocjax._yaml import plain
 
 __all__ = ["Results", "open_results"]
 
@@ -63,8 +64,8 @@ def open_results(folder: Path, command: str) -> Results:
 def _plain(path: Path) -> dict[str, Any]:
     try:
         text = path.read_text(encoding="utf-8")
-        found = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (ValueError, yaml.YAMLError):
+        found = json.loads(text) if path.suffix == ".json" else plain(text)
+    except (ValueError, RecursionError, yaml.YAMLError):
         found = None
     if not isinstance(found, dict):
         raise ValueError(f"{path}: damaged, expected it as it was written")
