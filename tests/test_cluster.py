@@ -60,7 +60,7 @@ def expected(problem: Problem, chunks: list[Chunk]) -> dict[str, Result]:
 
 @pytest.fixture(scope="module")
 def engine() -> Iterator[DaskEngine]:
-    with DaskEngine(workers=2) as engine:
+    with DaskEngine(workers=2, oversubscribe=True) as engine:
         yield engine
 
 
@@ -197,7 +197,7 @@ def test_a_killed_worker_has_its_chunks_run_again(
 ) -> None:
     monkeypatch.setattr(dask_engine, "run_chunk", cluster_cases.slow)
     notes: list[str] = []
-    with DaskEngine(workers=2, note=notes.append) as engine:
+    with DaskEngine(workers=2, oversubscribe=True, note=notes.append) as engine:
         found: dict[str, Result | Failure] = {}
         for number, (chunk, result) in enumerate(engine.run(problem, chunks)):
             found[chunk.name] = result

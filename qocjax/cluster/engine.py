@@ -13,16 +13,20 @@ from contextlib import suppress
 from functools import partial
 from queue import Empty, SimpleQueue
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from distributed import Client, Future, LocalCluster
 from distributed.scheduler import KilledWorker
 
 from qocjax.cluster.local import start_local
+from qocjax.cluster.secure import security_of
 from qocjax.cluster.worker import Recipe, Settings, run_chunk, settings_here
 from qocjax.study.chunks import Chunk, Failure, Result
 from qocjax.study.engine import failure_of
 from qocjax.study.problem import Problem
+
+if TYPE_CHECKING:
+    from distributed.security import Security
 
 __all__ = ["DaskEngine"]
 
@@ -58,6 +62,12 @@ class DaskEngine:
         cores: int | None = None,
         retries: int | None = None,
         note: Callable[[str], object] = lambda text: None,
+        *,
+        oversubscribe: bool = False,
+        tls: str | None = None,
+        tls_ca: str | None = None,
+        tls_cert: str | None = None,
+        tls_key: str | None = None,
     ) -> None:
         """Nothing is started before the first chunk.
 
@@ -67,16 +77,25 @@ class DaskEngine:
             cores: Of each of them; by default an equal share.
             retries: How often a chunk whose worker died is run again; by default 3 times.
             note: Told of what a user should know, a line each.
+            oversubscribe: Whether there may be more workers than cores.
+            tls: `temporary` has all messages encrypted, between those alone who know keys that are made for this run.
+            tls_ca: File of the authority whose certificates count, in PEM, with `tls_cert` and `tls_key`.
+            tls_cert: File with the certificate of whoever takes part.
+            tls_key: File with its private key.
 
         Raises:
-            ValueError: Both an address and options of workers on this machine.
+            ValueError: Both an address and options of workers on this machine, or what `security_of` raises.
         """
         for name, value in (("workers", workers), ("cores", cores), ("retries", retries)):
             if address is not None and value is not None:
                 raise ValueError(
                     f"engine.{name}: got {value} beside engine.address, expected null: that cluster has its own"
                 )
-        self._address, self._local, self._note = address, (workers, cores, retries), note
+        if address is not None and tls is not None:
+            raise ValueError(f"engine.tls: got {tls} beside engine.address, expected that cluster's own certificates "
+                             "(engine.tls_ca, tls_cert, tls_key), or null")  # fmt: skip
+        self._security = security_of(tls, tls_ca, tls_cert, tls_key)
+        self._address, self._local, self._note = address, (workers, cores, retries, oversubscribe), note
         self._cluster: LocalCluster | None = None
         self._client: Client | None = None
         self._pinned: tuple[tuple[int, ...], ...] = ()
@@ -132,9 +151,9 @@ class DaskEngine:
         if self._client is None:
             self._silence()
             if self._address is None:
-                self._cluster, cores = start_local(*self._local)
+                self._cluster, cores = start_local(*self._local, security=self._security)
                 self._pinned = tuple(map(tuple, cores))
-            self._client = _client(self._cluster or self._address)
+            self._client = _client(self._cluster or self._address, self._security)
             self._client.subscribe_topic("all", self._tell)
         return self._client
 
@@ -217,10 +236,10 @@ class _Flight:
             self._note("no worker is there: waiting for one")
 
 
-def _client(cluster: LocalCluster | str | None) -> Client:
+def _client(cluster: LocalCluster | str | None, security: Security | None) -> Client:
     try:
-        return Client(cluster, set_as_default=False, timeout=_CONNECT)
-    except (OSError, ValueError, TypeError) as error:
+        return Client(cluster, set_as_default=False, timeout=_CONNECT, security=security)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
         text = " ".join(str(error).split())
     # A client that came to nothing closes itself where it is collected; later that may be inside a lock of the next
     # client, which would then wait for itself.

@@ -8,11 +8,15 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from typing import TYPE_CHECKING
 
 from distributed import LocalCluster
 
 from qocjax import _checks
 from qocjax._xla import num_workers
+
+if TYPE_CHECKING:
+    from distributed.security import Security
 
 __all__ = ["shares", "start_local"]
 
@@ -20,13 +24,22 @@ __all__ = ["shares", "start_local"]
 _MAX_WORKERS = 8
 
 
-def start_local(workers: int | None, cores: int | None, retries: int | None) -> tuple[LocalCluster, list[list[int]]]:
+def start_local(
+    workers: int | None,
+    cores: int | None,
+    retries: int | None,
+    oversubscribe: bool = False,
+    *,
+    security: Security | None = None,
+) -> tuple[LocalCluster, list[list[int]]]:
     """Starts worker processes here; scheduler and workers listen on the loopback interface alone.
 
     Args:
         workers: Processes; by default one per core, at most 8, and one where there is an accelerator.
         cores: Of each worker; by default an equal share.
         retries: How often a chunk whose worker died is run again; by default 3 times.
+        oversubscribe: Whether there may be more workers than cores.
+        security: Keys of those who may take part; None for messages in the clear, from whoever is on this machine.
 
     Returns:
         The cluster, and the cores of each worker by its name, 0, 1 and so on.
@@ -37,7 +50,11 @@ def start_local(workers: int | None, cores: int | None, retries: int | None) -> 
     os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # the driver holds no accelerator's memory
     if workers is None:
         workers = min(num_workers(), _MAX_WORKERS)
-    split = shares(_cores(), _checks.count("engine.workers", workers), cores)
+    there = _cores()
+    if _checks.count("engine.workers", workers) > len(there) and not oversubscribe:
+        raise ValueError(f"engine.workers: got {workers} processes of half a gigabyte, expected at most the "
+                         f"{len(there)} cores here, or engine.oversubscribe=true")  # fmt: skip
+    split = shares(there, workers, cores)
     failures = 3 if retries is None else _checks.count("engine.retries", retries, least=0)
     with _without_interrupts():
         cluster = LocalCluster(
@@ -46,6 +63,8 @@ def start_local(workers: int | None, cores: int | None, retries: int | None) -> 
             host="127.0.0.1",
             dashboard_address=None,
             memory_limit=0,  # Dask's limits pause and spill; a process that takes too much is left to the system
+            protocol="tcp://" if security is None else "tls://",
+            security=security,
             silence_logs=logging.CRITICAL,  # of the workers
             scheduler_kwargs={"allowed_failures": failures, "dashboard_address": "127.0.0.1:0"},
         )

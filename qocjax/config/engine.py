@@ -36,6 +36,11 @@ class DaskConfig(Part):
     workers: int | None
     cores: int | None
     retries: int | None
+    oversubscribe: bool
+    tls: Literal["temporary"] | None
+    tls_ca: str | None
+    tls_cert: str | None
+    tls_key: str | None
 
     def open(self, note: Callable[[str], object] = lambda text: None) -> AbstractContextManager[Engine]:
         """The engine, to be used in a `with` statement.
@@ -54,7 +59,9 @@ class DaskConfig(Part):
             raise ValueError(
                 "engine: got dask without Dask, expected `pip install qocjax[cluster]`, or local"
             ) from None
-        return DaskEngine(self.address, self.workers, self.cores, self.retries, note)
+        return DaskEngine(self.address, self.workers, self.cores, self.retries, note,
+                          oversubscribe=self.oversubscribe, tls=self.tls, tls_ca=self.tls_ca, tls_cert=self.tls_cert,
+                          tls_key=self.tls_key)  # fmt: skip
 
 
 EngineConfig = Annotated[LocalConfig | DaskConfig, Field(discriminator="kind")]
