@@ -92,17 +92,19 @@ def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     return value
 
 
-def count(name: str, value: Any, least: int = 1) -> int:
-    """Checks that `value` is a whole number of at least `least`.
+def count(name: str, value: Any, least: int = 1, most: int = 2**31 - 1) -> int:
+    """Checks that `value` is a whole number from `least` to `most`, by default what 32 bits hold.
 
     Raises:
         TypeError: It is no whole number.
-        ValueError: It is too small.
+        ValueError: It is too small, or too large.
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name}: got {value!r} ({type(value).__name__}), expected a whole number")
     if value < least:
         raise ValueError(f"{name}: got {value}, expected at least {least}")
+    if value > most:
+        raise ValueError(f"{name}: got {_whole(int(value))}, expected at most {most}")
     return int(value)
 
 
@@ -113,12 +115,17 @@ def counts(name: str, values: Any, least: int = 0, most: int = 2**32 - 1) -> lis
         TypeError: They are no sequence, or one is no whole number.
         ValueError: One is out of range.
     """
-    if isinstance(values, (str, bytes, dict)) or not (hasattr(values, "__len__") and np.ndim(values) == 1):
+    if isinstance(values, (str, bytes, dict)) or not (hasattr(values, "__len__") and _is_row(values)):
         raise TypeError(f"{name}: got {values!r} ({type(values).__name__}), expected a sequence of whole numbers")
-    found = [count(name, value, least) for value in values]
-    if found and max(found) > most:
-        raise ValueError(f"{name}: got {max(found)}, expected at most {most}")
-    return found
+    return [count(name, value, least, most) for value in values]
+
+
+def _is_row(values: Any) -> bool:
+    return isinstance(values, range) or np.ndim(values) == 1  # a range need not be made to be known
+
+
+def _whole(value: int) -> str:
+    return str(value) if abs(value) < 10**20 else f"a number of {int(abs(value).bit_length() * 0.30103) + 1} digits"
 
 
 def _as_array(value: Any) -> np.ndarray | None:

@@ -23,9 +23,22 @@ NORMALISERS = ("initial_disagreement", "goal_distance")
 TIME_TOLERANCE = 1e-6
 
 
+MOST_TICKS = 10**8  # of a run; 28 hours at a millisecond
+
+
 def num_ticks(horizon: float, tau: float) -> int:
-    """Number of sampling instants P in the horizon; the last interval is shorter where tau does not divide it."""
-    return int(np.ceil(horizon / tau - TIME_TOLERANCE))
+    """Number of sampling instants P in the horizon; the last interval is shorter where tau does not divide it.
+
+    Raises:
+        ValueError: None fits, or more than any run has.
+    """
+    ratio = float(horizon) / float(tau)
+    if not TIME_TOLERANCE < ratio:
+        raise ValueError(f"tau: got {tau:g}, expected at most the horizon, {horizon:g} s")
+    if not ratio <= MOST_TICKS:
+        raise ValueError(f"horizon, tau: got {horizon:g} s by {tau:g} s, {ratio:.3g} sampling instants, expected "
+                         f"at most {MOST_TICKS:.0e}: a longer tau or a shorter horizon")  # fmt: skip
+    return int(np.ceil(ratio - TIME_TOLERANCE))
 
 
 T = TypeVar("T")

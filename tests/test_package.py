@@ -78,7 +78,7 @@ SMALL = [
 BAD_INPUT = {
     "unknown key": (["+robot.wheels=2"], "robot.wheels: got an unknown option"),
     "wrong type": (["controller.kappa=much"], "controller.kappa: got 'much', expected a valid number"),
-    "not a number": (["controller.eta=nan"], "eta: got nan, expected finite numbers"),
+    "not a number": (["controller.eta=nan"], "eta: got nan, expected a finite number"),
     "negative period": (["loop.tau=-0.01"], "tau: got -0.01, expected > 0"),
     "empty grid": (["sweep.grids.kappa=[]"], "kappa: got an empty grid, expected at least one value"),
     "start on the reference": (

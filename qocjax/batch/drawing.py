@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 
 from qocjax import _draws
 from qocjax._kept import called
+from qocjax._room import check_runs
 from qocjax.network.contention import contended_times
 from qocjax.network.interface import Network, SharedNetwork
 
@@ -66,6 +67,7 @@ def draw_seeds(
     start: Array, jitter: tuple[float, float], network: Network, seeds: ArrayLike, key: int, num_ticks: int, tau: float
 ) -> Chance:
     """What `drawn` draws, compiled."""
+    check_runs(num_ticks, np.shape(start)[0], np.size(seeds))
     args = (start, np.asarray(seeds), np.int32(key))
     return called(drawn, args, (jitter, network, num_ticks, tau))
 

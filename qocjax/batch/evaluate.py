@@ -16,14 +16,15 @@ from jax.typing import ArrayLike, DTypeLike
 
 from qocjax import _checks
 from qocjax._pieces import kept_each
+from qocjax._room import check_results, check_runs
 from qocjax._xla import num_workers
 from qocjax.batch.ahead import side_by_side
-from qocjax.batch.layout import Batch, batches_of, groups_of
+from qocjax.batch.layout import LANES, Batch, batches_of, groups_of
 from qocjax.batch.runner import Measure, Runner, metrics
 from qocjax.controllers import Apf, Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
-from qocjax.scenario import Design, Scenario, check_times
+from qocjax.scenario import Design, Scenario, check_times, num_ticks
 from qocjax.single import check_start
 from qocjax.tunables import check_others
 from qocjax.units import unit_of
@@ -122,8 +123,9 @@ def run_grid(
     """
     _check_kinds(scenario, designs, network, rules)
     grid = _as_grid(designs, scenario)
+    _check_sizes(scenario, grid, seeds, only)
     rows, numbers = _chosen(only, len(grid["tau"]), seeds)
-    if not -(2**31) <= _checks.count("key", key, least=-(2**63)) < 2**31:
+    if not -(2**31) <= _checks.count("key", key, least=-(2**63), most=2**63) < 2**31:
         raise ValueError(f"key: got {key}, expected a whole number of 32 bits")
     width = _checked_dtype(dtype)
     _check_held(grid | {name: getattr(scenario, name) for name in _SCENARIO_NUMBERS}, width)
@@ -154,6 +156,19 @@ def run_grid(
     )
 
 
+def _check_sizes(
+    scenario: Scenario,
+    grid: Mapping[str, np.ndarray],
+    seeds: Sequence[int],
+    only: tuple[Sequence[int], Sequence[int]] | None,
+) -> None:
+    """Checks that one batch, and all results, fit into memory."""
+    designs, numbers = (len(grid["tau"]), seeds) if only is None else (len(only[0]), only[1])
+    count = len(numbers) if hasattr(numbers, "__len__") else 1  # what is no sequence is told of later
+    check_results(designs, count, scenario.num_robots)
+    check_runs(num_ticks(scenario.horizon, float(grid["tau"].min())), scenario.num_robots, min(count, LANES))
+
+
 def _chosen(
     only: tuple[Sequence[int], Sequence[int]] | None, num_designs: int, seeds: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -179,14 +194,12 @@ def _check_kinds(scenario: Scenario, designs: Design, network: Network, rules: R
 
 def _checked_seeds(seeds: Sequence[int]) -> np.ndarray:
     try:
-        numbers = [_checks.count("seeds", seed, least=0) for seed in seeds]
+        numbers = [_checks.count("seeds", seed, least=0, most=2**32 - 1) for seed in seeds]
     except TypeError as error:
         text = str(error)
         raise TypeError(text if text.startswith("seeds") else f"seeds: got {seeds!r}, expected whole numbers") from None
     if not numbers:
         raise ValueError("seeds: got none, expected at least one")
-    if max(numbers) >= 2**32:
-        raise ValueError(f"seeds: got {max(numbers)}, expected whole numbers below 2**32")
     return np.array(numbers, np.int64)
 
 

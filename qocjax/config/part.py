@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from qocjax._conf import conf_dir
+
+_WHOLE, _LEAST, _MOST = 10**18, 1e-37, 1e38  # of numbers in a configuration
+_TOLD = 5  # errors of one kind
 
 __all__ = ["Part", "conf_dir", "line_of", "load"]
 
@@ -30,11 +35,26 @@ def load(model: type[M], cfg: DictConfig) -> M:
     if missing := sorted(OmegaConf.missing_keys(cfg)):
         raise ValueError("; ".join(f"{name}: got nothing, expected a value" for name in missing))
     raw: Any = OmegaConf.to_container(cfg, resolve=True)
+    if odd := list(_beyond(raw, "")):
+        raise ValueError("; ".join(odd[:_TOLD]))
     try:
         return model.model_validate(raw)
     except ValidationError as error:
         lines = [line_of(item, raw) for item in error.errors()]
         raise ValueError("; ".join(lines)) from None
+
+
+def _beyond(value: Any, name: str) -> Iterator[str]:
+    """Numbers that 32 bits do not hold, which would be others, or none, in what is computed; a line each."""
+    if isinstance(value, dict | list):
+        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _beyond(each, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, int) and abs(value) >= _WHOLE:
+        yield f"{name}: got a whole number of {int(value.bit_length() * 0.30103) + 1} digits, expected at most 18"
+    elif isinstance(value, float) and (value != value or not (value == 0 or _LEAST <= abs(value) <= _MOST)):
+        if not math.isinf(value):  # which says that there is no limit
+            yield f"{name}: got {value:g}, expected " + ("a finite number" if value != value else
+                f"0, or a number of {_LEAST:g} to {_MOST:g}, which 32 bits hold")  # fmt: skip
 
 
 def line_of(item: Any, raw: Any) -> str:

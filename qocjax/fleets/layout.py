@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qocjax import _checks
+from qocjax._room import check_room
 
 __all__ = ["LAYOUTS", "Layout"]
 
@@ -37,7 +38,9 @@ class Layout:
 
     def place(self, num_robots: int) -> Poses:
         """Start poses [N, 3] (m, m, rad) and goals [N, 2] (m) of N robots."""
-        return LAYOUTS[self.kind](_checks.count("num_robots", num_robots), self.spacing, self.length)
+        _checks.count("num_robots", num_robots)
+        check_room("robots", f"{num_robots:.4g} of them", 200 * num_robots, "fewer")
+        return LAYOUTS[self.kind](num_robots, self.spacing, self.length)
 
 
 def _lanes(num_robots: int, spacing: float, length: float) -> Poses:

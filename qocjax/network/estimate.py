@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jax import Array
 
+from qocjax._room import check_runs
 from qocjax.network._fields import no_nan
 from qocjax.network.completion import completes, latest
 from qocjax.network.contention import contend, draw_length, source_of
@@ -89,6 +90,7 @@ def _contended(
 
 def draw_parts(network: Network, load: Load) -> Any:
     """What chance decides of the runs behind an estimate, each leaf [S, ...]; it may hold more ticks than the load."""
+    check_runs(load.num_ticks, load.num_robots, SEEDS)
     ticks, tau = draw_length(network, load.num_ticks, load.tau, general_length(load.num_ticks))
     keys = jax.random.split(jax.random.key(0), SEEDS)
     return _draw(source_of(network), keys, ticks, load.num_robots, tau)

@@ -12,6 +12,7 @@ import numpy as np
 from jax import Array
 
 from qocjax import _checks
+from qocjax._room import check_runs
 
 __all__ = [
     "Contended",
@@ -212,6 +213,7 @@ def loop_times(
     if keys.ndim != 1:
         raise ValueError(f"keys: got shape {keys.shape}, expected one key for each seed, (S,)")
     ticks, robots = _checks.count("num_ticks", num_ticks), _checks.count("num_robots", num_robots)
+    check_runs(ticks, robots, keys.size)
     period = float(_checks.bounded("tau", tau, above=0.0))
     if deadline is None and getattr(network, "uses_deadline", False):
         raise ValueError(f"deadline: got None for {network.name!r}, whose loop times depend on it, expected s")

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from qocjax._room import check_room
 from qocjax.batch.evaluate import evaluate
 from qocjax.batch.layout import LANES
 from qocjax.scenario import Design, num_ticks
@@ -26,6 +27,8 @@ __all__ = ["CHUNK_STEPS", "Chunk", "Engine", "Failure", "Part", "Result", "compu
 
 # Robot-steps of a chunk: about half a second of one core.
 CHUNK_STEPS = 1e8
+
+_CHUNK_BYTES, _SEED_BYTES = 500, 50  # in memory, of a chunk and of a seed
 
 # Of a controller that is costly a chunk has that many times fewer: a minute of one core with the navigation stack.
 _COSTLY = 1000
@@ -127,6 +130,8 @@ def plan(problem: Problem, part: Part, chunk_steps: float = CHUNK_STEPS) -> list
     values = part.values(problem)
     steps = steps_of(problem, values)
     lanes = min(len(part.seeds), LANES)
+    many = f"{len(part.seeds):.4g} seeds of {len(steps):.4g} designs"
+    check_room("seeds, designs", many, _least(part, steps, target), "fewer, or larger chunks (chunk_steps)")
     blocks = _seed_blocks(len(part.seeds), lanes * max(1, int(target // (steps.sum() * lanes))))
     pieces: list[np.ndarray] = []
     for members, _ in problem.groups(values):  # a chunk is of one set-up
@@ -140,6 +145,12 @@ def plan(problem: Problem, part: Part, chunk_steps: float = CHUNK_STEPS) -> list
         _named(number, part, piece, seeds, each * (seeds[1] - seeds[0]))
         for number, (seeds, piece, each) in enumerate(rectangles)
     ]
+
+
+def _least(part: Part, steps: np.ndarray, target: float) -> float:
+    """Bytes that a part takes at least: its chunks' names, and the runs of one design while they are averaged."""
+    chunks = float(steps.sum()) * len(part.seeds) / target
+    return _CHUNK_BYTES * chunks + _SEED_BYTES * len(part.seeds)
 
 
 def steps_of(problem: Problem, designs: Design) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -9,9 +10,12 @@ from itertools import product
 import numpy as np
 
 from qocjax import _checks
+from qocjax._room import check_room
 from qocjax.scenario import Design
 
 __all__ = ["SWEPT", "Grid", "full_grid", "one_at_a_time"]
+
+_ROW_BYTES = 500  # in memory, of a row and its design
 
 SWEPT = ("v_max", "eta", "tau", "kappa", "gamma", "c_miss")
 
@@ -44,6 +48,7 @@ def one_at_a_time(baseline: Design, grids: Mapping[str, Sequence[float]], deadli
         ValueError: An unknown parameter, an empty grid or axis, a repeated or bad value.
     """
     axes = _checked(baseline, grids)
+    _check_points(sum(map(len, axes.values())), np.size(deadlines))
     points = [(name, value, {name: value}) for name, values in axes.items() for value in values]
     return _grid(baseline, points, _axis("deadline", deadlines, least=0.0))
 
@@ -60,12 +65,18 @@ def full_grid(baseline: Design, grids: Mapping[str, Sequence[float]], deadlines:
         ValueError: What `one_at_a_time` raises.
     """
     axes = _checked(baseline, grids)
+    _check_points(math.prod(map(len, axes.values())), np.size(deadlines))
     name = ",".join(axes)
     combined = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     points = [(name, float(at), values) for at, values in enumerate(combined)]
     if len(axes) == 1:
         points = [(name, values[name], values) for values in combined]
     return _grid(baseline, points, _axis("deadline", deadlines, least=0.0))
+
+
+def _check_points(values: int, deadlines: int) -> None:
+    """Refuses more rows than memory has room for."""
+    check_room("grids", f"{values} values with {deadlines} deadlines", _ROW_BYTES * values * deadlines, "fewer of them")
 
 
 def _checked(baseline: Design, grids: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from qocjax import _checks
+from qocjax._room import check_room
 from qocjax.controllers import Controller
 from qocjax.network.interface import Network
 from qocjax.network.schedule import Rules
@@ -29,6 +30,8 @@ from qocjax.study.table import qoc_by_seed, results_table
 from qocjax.study.ties import tie_columns
 
 __all__ = ["qoc_by_seed", "results_table", "run_study", "study_of"]
+
+_SEED_BYTES = 100  # in memory, of a seed while it is checked
 
 
 def run_study(
@@ -160,6 +163,8 @@ def _checked_seeds(selection: Sequence[int], evaluation: Sequence[int]) -> tuple
     """The seeds, as ranges or tuples."""
     found: list[Sequence[int]] = []
     for name, seeds in (("selection_seeds", selection), ("evaluation_seeds", evaluation)):
+        if hasattr(seeds, "__len__"):
+            check_room(name, f"{len(seeds):.4g} seeds", _SEED_BYTES * len(seeds), "fewer")
         numbers = _checks.counts(name, seeds)
         if len(numbers) < 2 or len(set(numbers)) != len(numbers):
             raise ValueError(

@@ -1,0 +1,99 @@
+"""Sizes that no machine has are refused before anything of that size is made: what would be needed, and the limit."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+
+import qocjax.batch.runner as runner
+from qocjax import Design, Rules, Scenario, _checks, _room, evaluate, one_at_a_time, paper_network, replay, run_study
+from qocjax.config.part import Part, load
+from qocjax.fleets.layout import Layout
+from qocjax.scenario import num_ticks
+from qocjax.study.chunks import Part as StudyPart
+from qocjax.study.chunks import plan
+from qocjax.study.grid import full_grid
+from qocjax.study.problem import Problem
+
+NETWORK, GIGABYTE = paper_network(), 10**9
+
+
+@pytest.fixture(autouse=True)
+def _little(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A machine of a gigabyte, on which nothing is compiled, and no refusal takes a tenth of it."""
+    monkeypatch.setattr(_room, "memory", lambda: GIGABYTE)
+    monkeypatch.setattr(runner, "compiled", lambda *_: pytest.fail("got as far as compiling"))
+    tracemalloc.start()
+    yield
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < GIGABYTE / 10, peak
+
+
+def study(horizon: float, tau: float, seeds: int) -> None:
+    grid = one_at_a_time(Design(tau=tau), {"eta": [0.5, 1.0]}, [0.3])
+    run_study(Scenario(horizon=horizon), grid, NETWORK, range(seeds), range(seeds, 2 * seeds))
+
+
+def chunks(seeds: int, chunk_steps: float) -> None:
+    designs = one_at_a_time(Design(), {"eta": [0.5, 1.0]}, [0.3]).designs
+    plan(Problem(Scenario(), designs, NETWORK, Rules(), 0), StudyPart("selection", range(seeds)), chunk_steps)
+
+
+SIZES: list[tuple[str, Callable[[], Any]]] = [
+    ("horizon, tau", lambda: evaluate(Scenario(horizon=1e30), Design(), NETWORK, [0])),
+    ("horizon, tau", lambda: evaluate(Scenario(), Design(tau=1e-9), NETWORK, [0])),
+    ("horizon, tau", lambda: evaluate(Scenario(horizon=1e5), Design(), NETWORK, range(32))),
+    ("tau", lambda: num_ticks(1e-30, 0.1)),
+    ("horizon, tau", lambda: replay(Scenario(), Design(tau=1e-9), NETWORK, 0)),
+    ("horizon, tau", lambda: replay(Scenario(horizon=3e6), Design(tau=0.05), NETWORK, 0)),
+    ("horizon, tau", lambda: study(1e8, 1.0, 2)),
+    ("seeds, designs", lambda: evaluate(Scenario(), Design(), NETWORK, range(10**8))),
+    ("seeds, designs", lambda: evaluate(Scenario(), Design(), NETWORK, range(2**62))),
+    ("seeds, designs", lambda: evaluate(Scenario(), Design(kappa=np.ones(10**5)), NETWORK, range(1000))),
+    ("selection_seeds", lambda: study(1.0, 0.1, 10**8)),
+    ("selection_seeds", lambda: study(1.0, 0.1, 2**60)),
+    ("seeds, designs", lambda: chunks(10**6, 1.0)),
+    ("grids", lambda: one_at_a_time(Design(), {"eta": np.arange(3000.0)}, np.arange(3000.0))),
+    ("grids", lambda: full_grid(Design(), {"eta": range(2000), "kappa": range(1, 2000)}, [0.1])),
+    ("robots", lambda: Layout().place(10**8)),
+    ("num_robots", lambda: Layout().place(10**400)),
+    ("n", lambda: _checks.count("n", 10**400)),
+    ("horizon, tau", lambda: num_ticks(1e300, 1e-300)),
+    ("horizon, tau", lambda: num_ticks(float("inf"), 1.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "call"), SIZES, ids=range(len(SIZES)))
+def test_sizes_beyond_the_machine_are_one_line(name: str, call: Callable[[], Any]) -> None:
+    with pytest.raises(ValueError, match=f"^{name}: got .*expected at most") as caught:
+        call()
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 300
+
+
+class Numbers(Part):
+    one: float
+    many: list[list[int | float]]
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**18), 1e39, 1e-38, float("nan"), -1e300])
+def test_numbers_that_32_bits_do_not_hold_are_refused_with_their_option(value: float) -> None:
+    for name, values in (("one", {"one": value, "many": []}), ("many.0.1", {"one": 0.0, "many": [[1, value]]})):
+        with pytest.raises(ValueError, match=f"^{name}: got .*, expected ") as caught:
+            load(Numbers, OmegaConf.create(values))
+        assert len(str(caught.value)) < 120
+
+
+def test_numbers_that_they_hold_are_taken() -> None:
+    values = {"one": float("inf"), "many": [[0, -1e-30, 2**31], [1e38, -1e-37, 0.0]]}
+    assert load(Numbers, OmegaConf.create(values)).model_dump() == values
+
+
+def test_the_memory_of_a_machine_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    assert 1e8 < _room.memory() < 1e16
