@@ -9,7 +9,7 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -18,16 +18,18 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import hydra
 from hydra._internal.hydra import Hydra
+from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from qocjax._beside import process_beside
-from qocjax._conf import add_resolver, conf_dir, hydra_base
+from qocjax._conf import conf_dir, hydra_base
 from qocjax.commands.help import register_help
-from qocjax.commands.own_folder import own_folder
+from qocjax.commands.output import steady_output
 from qocjax.commands.quoting import quoted_options
+from qocjax.commands.resolvers import register_resolvers
 
 if TYPE_CHECKING:
     from qocjax.config.part import Part
@@ -68,7 +70,11 @@ class Command:
 
     def __call__(self) -> None:
         """Runs what the program's arguments ask; an error ends it with one line."""
-        add_resolver("own_folder", own_folder)
+        with steady_output():
+            self._run()
+
+    def _run(self) -> None:
+        register_resolvers()
         register_help()
         warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
         arguments = _of_target(_expanded(self.rewrite(sys.argv[1:]), self.short))
@@ -116,14 +122,12 @@ def _one_line() -> Iterator[None]:
     """Ends the program with one line for whatever goes wrong."""
     try:
         yield
-    except (ValueError, TypeError, OSError) as error:
-        if os.environ.get("QOCJAX_TRACEBACK"):
-            raise
-        _fail(error)
     except Exception as error:
         if os.environ.get("QOCJAX_TRACEBACK"):
             raise
-        _fail(ValueError(unforeseen(error)))
+        from qocjax.commands.foreseen import is_foreseen, memory_text
+
+        _fail(error if is_foreseen(error) else ValueError(memory_text(error) or unforeseen(error)))
     except KeyboardInterrupt as stop:
         print(": ".join(["stopped", *map(str, stop.args)]), file=sys.stderr)
         sys.exit(130)
@@ -157,8 +161,15 @@ def no_collection() -> Iterator[None]:
         gc.enable()
 
 
-def _check_help(arguments: Collection[str]) -> None:
-    """The text of `--help` is a part of the configuration, and no choice."""
+def _check_help(arguments: Sequence[str]) -> None:
+    """Flags are Hydra's; the text of `--help` is a part of the configuration, and no choice."""
+    parser = get_args_parser()
+
+    def refuse(message: str) -> NoReturn:
+        raise ValueError(f"command line: {message}; options come before flags, see --help")
+
+    parser.error = refuse  # type: ignore[method-assign]  # which would tell of each flag in many lines
+    parser.parse_args(list(arguments))
     for argument in arguments:
         if re.match(r"[+~]*help(@[^=]*)?(=|$)", argument):
             raise ValueError(f"help: got {argument}, expected --help")
@@ -194,6 +205,7 @@ def _of_nav2(arguments: list[str]) -> list[str]:
 def _fail(error: Exception) -> NoReturn:
     """Ends the program with an error in one line."""
     text = str(error).partition("Config search path")[0].strip()  # Hydra lists folders there
+    text = text.removeprefix("ValueError raised while resolving interpolation: ")
     if isinstance(error, OSError) and error.filename and error.strerror:
         text = f"{error.filename}: {error.strerror}"
     for lines, line in ((r":\s*\n\s*", ": "), (r"\.\s*\n\s*", ". "), (r"\s*\n\s*", ", ")):

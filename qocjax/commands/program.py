@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import os
 import sys
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import yaml
 
 from qocjax import __version__
 from qocjax._conf import conf_dir
+from qocjax.commands.output import steady_output
 
 __all__ = ["main", "questions"]
 
@@ -23,17 +23,22 @@ _ORDER = ("sweep", "advise", "ingest", "tune", "codesign", "fleet", "qos", "show
 
 def main() -> None:
     """Command line."""
+    with steady_output():
+        _run()
+
+
+def _run() -> None:
     given = sys.argv[1:]
     if not given or given[0] in ("-h", "--help"):
-        _print(overview())
+        print(overview())
     elif given[0] == "--version":
-        _print(f"qocjax {__version__}")
+        print(f"qocjax {__version__}")
     elif given[0] == "--completion":
         from qocjax.commands.completion import SHELLS, completion  # composes every command's options
 
         if len(given) != 2 or given[1] not in SHELLS:
             _refuse(f"--completion: got {' '.join(given[1:]) or 'nothing'}, expected one of {', '.join(SHELLS)}")
-        _print(completion(given[1], list(questions())))
+        print(completion(given[1], list(questions())))
     elif given[0] in _ORDER:
         sys.argv = [f"qocjax {given[0]}", *given[1:]]
         importlib.import_module(f"qocjax.{given[0]}").main()
@@ -63,13 +68,6 @@ def overview() -> str:
         "qocjax COMMAND --help lists its choices and options. With qocjax sweep, the main job, begin.",
         "Completion of commands, options and choices:  source <(qocjax --completion bash)   (or zsh)",
     ])  # fmt: skip
-
-
-def _print(text: str) -> None:
-    try:
-        print(text, flush=True)
-    except BrokenPipeError:  # whoever reads has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _refuse(text: str) -> None:
