@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,9 @@ def data_of(kind: str, message: Any) -> bytes:
 
 def write_mcap(
     path: Path, messages: Iterable[Message], *, profile: str = "ros2", encoding: str = "cdr", channels: int = 1,
-    publishers: int = 1, **options: Any,
+    publishers: int = 1, left_out: Collection[int] = (), **options: Any,
 ) -> Path:  # fmt: skip
-    """Writes messages in the order given; `options` are those of mcap's writer."""
+    """Writes messages in the order given, but for those left out; `options` are those of mcap's writer."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         writer = Writer(file, **options)
@@ -43,6 +43,8 @@ def write_mcap(
                     writer.register_channel(topic, encoding, schema, {"offered_qos_profiles": PROFILE * publishers})
                     for _ in range(channels)
                 ]
+            if k in left_out:
+                continue
             time = EPOCH + round(record * 1e9)
             numbers = known[topic, kind]
             writer.add_message(numbers[k % len(numbers)], time, data_of(kind, message), time, k)

@@ -89,7 +89,9 @@ def _files(path: Path, metadata: Metadata | None, findings: Findings) -> list[Pa
     """The files to read: those that the metadata names, in its order, then the others."""
     here = {file.name: file for file in storage_files(path)}
     if metadata is None:
-        return _once(here, findings)
+        found = _once(here, findings)
+        _tell_missing(path, found, findings)
+        return found
     found = []
     for name in metadata.files:
         same = next((each for each in (name, f"{name}.zstd", name.removesuffix(".zstd")) if each in here), None)
@@ -103,6 +105,20 @@ def _files(path: Path, metadata: Metadata | None, findings: Findings) -> list[Pa
     for name in others:
         findings.note(f"{path.name}: {name} is not among the files that its {METADATA} names; it is read too")
     return [*found, *_once(others, findings)]
+
+
+def _tell_missing(path: Path, files: list[Path], findings: Findings) -> None:
+    """Counts the splits between two others that are not there: rosbag2 numbers them."""
+    splits: dict[str, list[int]] = {}
+    for file in files:
+        if found := re.fullmatch(r"(.*_)(\d{1,6})", _stem(file)):
+            splits.setdefault(found[1], []).append(int(found[2]))
+    for name, numbers in splits.items():
+        missing = sorted(set(range(min(numbers), max(numbers))) - set(numbers))
+        findings.count(path.name, "missing_files", len(missing))
+        if missing:
+            told = ", ".join(f"{name}{number}" for number in missing[:3]) + (" ..." if len(missing) > 3 else "")
+            findings.note(f"{path.name}: {told} is not there, between files that are")
 
 
 def _once(files: dict[str, Path], findings: Findings) -> list[Path]:

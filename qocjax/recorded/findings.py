@@ -10,8 +10,8 @@ __all__ = ["CAUSES", "Finding", "Findings"]
 CAUSES = {
     "truncated": "files that end early; what could be read of them counts",
     "damaged": "pieces of files (chunks, pages, records) that are not as written; what comes before and after counts",
-    "missing_files": "files that the metadata names and that are not there",
-    "missing_messages": "messages that the metadata promises and the bag does not hold",
+    "missing_files": "files that the metadata names, or the numbers of others promise, and that are not there",
+    "missing_messages": "messages that metadata, an index or the numbers of rows promise and the bag does not hold",
     "unreadable": "messages that cannot be decoded; left out",
     "not_finite": "poses or commands with a NaN or an infinity; left out",
     "no_stamp": "messages without a header stamp; they count at their record time",
@@ -23,6 +23,7 @@ CAUSES = {
     "restarts": "places where the numbering or the clock begins anew; clocks are taken up anew there",
     "wraps": "places where a counter of 8, 16 or 32 bits wraps; it counts on",
     "gaps": "intervals much longer than the usual one; poses are interpolated, a command stays in force",
+    "silences": "stretches without any message; poses are interpolated over them, loops in them do not count",
     "jumps": "moves faster than any robot; kept",
     "outlier_commands": "commands beyond what any robot can do; left out of their statistics",
     "outlier_speeds": "speeds of odometry beyond what any robot can do; left out of what it was seen to do",

@@ -13,6 +13,7 @@ from typing import BinaryIO
 from qocjax._reading import open_regular
 from qocjax.recorded.findings import Findings
 from qocjax.recorded.mcap_contents import Contents, text_at
+from qocjax.recorded.numbering import Sequence
 from qocjax.recorded.records import CHANNEL, CHUNK, DATA_END, FOOTER, HEADER, MESSAGE, SCHEMA, records
 from qocjax.recorded.storage import Message
 from qocjax.recorded.unpacking import unpacked
@@ -57,17 +58,22 @@ class McapFile:
     def messages(self, numbers: Collection[int]) -> Iterator[Message]:
         """Yields messages in the order of the file; of what is broken, what comes before and after."""
         wanted, unknown, known = frozenset(numbers), 0, Contents()
+        counted = {number: Sequence() for number in wanted}
         unpack = struct.Struct("<HIQ").unpack_from
         with open_regular(self.path) as file:
             for code, data in self._walk(file, wanted):
                 if code == MESSAGE:
-                    number, _, time = unpack(data)
+                    number, sequence, time = unpack(data)
                     if number in wanted:
+                        counted[number].take(sequence)
                         yield number, time, data[22:]
                     elif number not in self.channels:
                         unknown += 1
                 else:
                     known.take(code, data)
+        for number, numbering in counted.items():
+            if number in self.channels:
+                self._findings.count(self.channels[number].name, "missing_numbers", numbering.missing())
         if unknown:
             self._findings.count(self.name, "unreadable", unknown)
             self._findings.note(f"{self.name}: {unknown} messages are of no topic that it names")

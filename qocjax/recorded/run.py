@@ -21,6 +21,7 @@ from qocjax.recorded.nearest import Preset
 from qocjax.recorded.pose_tables import PosesFormat
 from qocjax.recorded.poses import quality
 from qocjax.recorded.series import Cleaning, clean
+from qocjax.recorded.silence import silences, tell_silences
 from qocjax.recorded.stamps import StampsFormat, read_stamps
 from qocjax.recorded.topics import BagContent, TopicPatterns, read_pose_table
 
@@ -155,6 +156,7 @@ def _from_content(
         findings.note("no quality: no topic has poses")
     reports = {robot: report_commands(each, where[robot], rules.cleaning, findings) for robot, each in commands.items()}
     latency: dict[str, Latency] = {}
+    given = set(loops)
     for robot, each in commands.items():
         states = [part[robot] for part in (odometry, poses) if robot in part]
         if each.kind == _STAMPED and robot not in loops:
@@ -174,6 +176,10 @@ def _from_content(
     judged = None
     if poses:
         judged = quality(poses, rules.yardstick, rules.cleaning, findings, first, odometry, content.goals)
+    every = [each for part in (poses, odometry, commands) for each in part.values()]
+    own = {robot: trace for robot, trace in loops.items() if robot not in given}
+    duration = 1e-9 * (content.end - content.begin)
+    tell_silences(name, silences(every, rules.cleaning), duration, judged, own, rules.yardstick.weights, findings)
     late = {content.topics[robot][0]: each.late[np.isfinite(each.late)] for robot, each in poses.items()}
     return RecordedRun(
         name, 1e-9 * content.begin or None, 1e-9 * (content.end - content.begin), loops,

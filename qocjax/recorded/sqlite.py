@@ -11,6 +11,7 @@ from pathlib import Path
 
 from qocjax._reading import check_regular, decoding
 from qocjax.recorded.findings import Findings
+from qocjax.recorded.numbering import Rows
 from qocjax.recorded.storage import Channel, Message
 from qocjax.recorded.wal import left_in_log
 
@@ -62,9 +63,10 @@ class SqliteFile:
 
     def messages(self, numbers: Collection[int]) -> Iterator[Message]:
         """Yields messages in the order of their rows; a page that cannot be read costs the rows on it."""
-        seen = 0
-        for number, time, data in self._rows(numbers):
+        seen, keys = 0, Rows()
+        for key, number, time, data in self._rows(numbers):
             seen += 1
+            keys.take(key)
             if number in self.channels and number not in numbers:
                 continue
             if number in numbers and isinstance(time, int) and isinstance(data, bytes):
@@ -74,9 +76,9 @@ class SqliteFile:
         if self.total is not None and seen > self.total:
             self._findings.count(self.name, "damaged")
             self._findings.note(f"{self.name}: its index holds {self.total} of {seen} messages; all of them are read")
-        self.lost = max((self.total or 0) - seen, 0)
+        self.lost = max((self.total or 0) - seen, keys.missing, 0)
 
-    def _rows(self, numbers: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+    def _rows(self, numbers: Collection[int]) -> Iterator[tuple[int, int, int, bytes]]:
         """Rows of every topic, with the data of those wanted only."""
         marks = ",".join("?" * len(numbers))
         text = (
@@ -91,7 +93,7 @@ class SqliteFile:
                 try:
                     for key, number, time, data in base.execute(text, (*numbers, start)):
                         furthest, count = max(furthest, key), count + 1  # keys of a broken tree may go back
-                        yield number, time, data
+                        yield key, number, time, data
                     return
                 except _ERRORS:
                     barren = barren + 1 if count < _FEW else 0
