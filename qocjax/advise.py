@@ -7,4 +7,4 @@ __all__ = ["main"]
 main = Command("advise", "advise.AdviseConfig", short={"path": ("network=trace", "network.path")}, nav2=True)
 
 if __name__ == "__main__":
-    main()
+    main.as_program()

@@ -8,4 +8,4 @@ __all__ = ["main"]
 main = Command("compare", "compare.CompareConfig", rewrite=as_options)
 
 if __name__ == "__main__":
-    main()
+    main.as_program()

@@ -7,4 +7,4 @@ __all__ = ["main"]
 main = Command("fleet", "fleet.FleetConfig")
 
 if __name__ == "__main__":
-    main()
+    main.as_program()

@@ -7,4 +7,4 @@ __all__ = ["main"]
 main = Command("ingest", "ingest.IngestConfig")
 
 if __name__ == "__main__":
-    main()
+    main.as_program()

@@ -7,4 +7,4 @@ __all__ = ["main"]
 main = Command("sweep", "study.StudyConfig", nav2=True, draws="qocjax.figures.study")
 
 if __name__ == "__main__":
-    main()
+    main.as_program()

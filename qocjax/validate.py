@@ -7,4 +7,4 @@ __all__ = ["main"]
 main = Command("validate", "validate.ValidateConfig", nav2=True)
 
 if __name__ == "__main__":
-    main()
+    main.as_program()

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from concurrent.futures import Executor, Future
 from itertools import islice
+from queue import SimpleQueue
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 
 __all__ = ["side_by_side"]
-
-_LOOK = 0.5  # s between looks whether the threads were shut down
 
 P = TypeVar("P")
 R = TypeVar("R")
@@ -32,7 +31,7 @@ def side_by_side(
         ahead: Pieces under way or waiting for a thread.
 
     Raises:
-        CancelledError: The threads were shut down meanwhile.
+        CancelledError, RuntimeError: The threads were shut down meanwhile, as it waits or hands out.
     """
     wide = jnp.result_type(float) == jnp.float64
     device = getattr(jax.config, "jax_default_device", None)
@@ -41,18 +40,23 @@ def side_by_side(
         with jax.enable_x64(wide), jax.default_device(device):  # which other threads do not see by themselves
             return run(piece)
 
-    source = iter(pieces)
-    pending: dict[Future[R], P] = {threads.submit(alike, piece): piece for piece in islice(source, ahead)}
+    source, pending = iter(pieces), dict[Future[R], P]()
+    # Told of cancelled ones too, for which `concurrent.futures.wait` would wait for ever.
+    finished: SimpleQueue[Future[R]] = SimpleQueue()
+
+    def hand_out(number: int) -> None:
+        for piece in islice(source, number):
+            future = threads.submit(alike, piece)
+            pending[future] = piece
+            future.add_done_callback(finished.put)
+
     try:
+        hand_out(ahead)
         while pending:
-            done, rest = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
-            if not done and any(future.cancelled() for future in rest):  # the threads end: nobody tells who waits
-                raise CancelledError
-            for future in done:
-                piece = pending.pop(future)
-                for following in islice(source, 1):
-                    pending[threads.submit(alike, following)] = following
-                yield piece, future.result()
+            future = finished.get()
+            piece = pending.pop(future)
+            hand_out(1)
+            yield piece, future.result()
     finally:
-        for future in pending:
+        for future in list(pending):
             future.cancel()

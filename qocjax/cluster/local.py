@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
-from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from distributed import LocalCluster
 
 from qocjax import _checks
+from qocjax._beside import without_interrupts
 from qocjax._xla import num_workers
 
 if TYPE_CHECKING:
@@ -56,7 +53,7 @@ def start_local(
                          f"{len(there)} cores here, or engine.oversubscribe=true")  # fmt: skip
     split = shares(there, workers, cores)
     failures = 3 if retries is None else _checks.count("engine.retries", retries, least=0)
-    with _without_interrupts():
+    with without_interrupts():
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=len(split[0]),
@@ -88,20 +85,6 @@ def shares(available: list[int], workers: int, cores: int | None) -> list[list[i
             f"engine.cores: got {each} for each of {workers} workers, expected at most {len(available)} together"
         )
     return [[available[k % len(available)] for k in range(i * each, (i + 1) * each)] for i in range(workers)]
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Ctrl-C reaches all processes of a terminal: leaves it to the driver, since what is started here inherits this."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # which, started later, would undo it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _cores() -> list[int]:

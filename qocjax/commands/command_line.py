@@ -6,32 +6,28 @@ import gc
 import inspect
 import os
 import re
+import shlex
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-import hydra
-from hydra._internal.hydra import Hydra
-from hydra._internal.utils import get_args_parser
-from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
-from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
-
 from qocjax._beside import process_beside
 from qocjax._conf import conf_dir, hydra_base
-from qocjax.commands.help import register_help
 from qocjax.commands.output import steady_output
-from qocjax.commands.quoting import quoted_options
 from qocjax.commands.resolvers import register_resolvers
+from qocjax.commands.stopping import as_program, goes_on, stoppable
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # Hydra is imported once a program can be stopped in one line
+    from hydra._internal.hydra import Hydra
+    from omegaconf import DictConfig
+
     from qocjax.config.part import Part
 
 __all__ = ["Command", "given_options", "no_collection", "output_dir", "unforeseen"]
@@ -68,12 +64,22 @@ class Command:
         module, _, name = self.schema.partition(".")
         return getattr(import_module(f"qocjax.config.{module}"), name)
 
+    def as_program(self) -> None:
+        """Runs as all that this process does: see `stopping`."""
+        as_program(self)
+
     def __call__(self) -> None:
         """Runs what the program's arguments ask; an error ends it with one line."""
         with steady_output():
             self._run()
 
     def _run(self) -> None:
+        from hydra.errors import HydraException
+        from omegaconf.errors import OmegaConfBaseException
+
+        from qocjax.commands.help import register_help
+        from qocjax.commands.quoting import quoted_options
+
         register_resolvers()
         register_help()
         warnings.formatwarning = lambda text, *rest, **more: f"note: {text}\n"  # what is told is for users
@@ -91,6 +97,7 @@ class Command:
 
     def _composed(self) -> None:
         """Composes the options, and does what they ask."""
+        import hydra
 
         def task(cfg: DictConfig) -> None:
             with _one_line():
@@ -103,6 +110,9 @@ class Command:
     def _work(self, cfg: DictConfig) -> None:
         if cfg.get("nav2") is not None and "nav2" not in given_options():
             raise ValueError(f"nav2: got {cfg.nav2} from a configuration file, expected it on the command line")
+        folder = output_dir()
+        way_on = partial(_way_on, folder)
+        goes_on(way_on)
         drawn = bool(self.draws) and cfg.get("figures") is True
         with process_beside(self.draws) if drawn else nullcontext() as drawing:  # ready by the time of the first figure
             cache = _set_up_jax()
@@ -113,7 +123,7 @@ class Command:
 
                 load(self.model(), cfg)
                 work = import_module(f"qocjax.commands.{self.name}")
-            with kept_in(cache and cache / "traced"), claimed(output_dir(), self.name):
+            with kept_in(cache and cache / "traced"), claimed(folder, self.name), stoppable(way_on):
                 work.main(cfg, *([drawing] if self.draws else []))
 
 
@@ -138,6 +148,8 @@ def _compose_once() -> None:
 
     A Hydra that asks for it otherwise, as 1.4 does, is left alone.
     """
+    from hydra._internal.hydra import Hydra
+
     asked = Hydra.get_mode
     if list(inspect.signature(asked).parameters) != ["self", "config_name", "overrides"]:
         return
@@ -163,6 +175,8 @@ def no_collection() -> Iterator[None]:
 
 def _check_help(arguments: Sequence[str]) -> None:
     """Flags are Hydra's; the text of `--help` is a part of the configuration, and no choice."""
+    from hydra._internal.utils import get_args_parser
+
     parser = get_args_parser()
 
     def refuse(message: str) -> NoReturn:
@@ -239,11 +253,21 @@ def _set_up_jax() -> Path | None:
     return Path(folder) if folder and "://" not in folder else None  # JAX takes buckets too
 
 
+def _way_on(folder: Path) -> str | None:
+    """How to go on with what a folder holds; None where it keeps nothing that can be gone on with."""
+    # By its name in `store.study_folder`, which is not to be imported as a program ends.
+    return f"resume={shlex.quote(str(folder))} goes on" if (folder / "study.json").is_file() else None
+
+
 def output_dir() -> Path:
     """Folder of this run's results."""
+    from hydra.core.hydra_config import HydraConfig
+
     return Path(HydraConfig.get().runtime.output_dir)
 
 
 def given_options() -> list[str]:
     """Names of the options that the command line gives, without those of Hydra itself."""
+    from hydra.core.hydra_config import HydraConfig
+
     return [re.split(r"[=@]", option.lstrip("+~"))[0] for option in HydraConfig.get().overrides.task]

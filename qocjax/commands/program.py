@@ -5,20 +5,23 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import sys
 from pathlib import Path
 
-import yaml
-
 from qocjax import __version__
 from qocjax._conf import conf_dir
 from qocjax.commands.output import steady_output
+from qocjax.commands.stopping import as_program
 
-__all__ = ["main", "questions"]
+__all__ = ["main", "program", "questions"]
 
 _ORDER = ("sweep", "advise", "ingest", "tune", "codesign", "fleet", "qos", "show", "validate", "compare")
+
+
+def program() -> None:
+    """The program."""
+    as_program(main)
 
 
 def main() -> None:
@@ -43,6 +46,8 @@ def _run() -> None:
         sys.argv = [f"qocjax {given[0]}", *given[1:]]
         importlib.import_module(f"qocjax.{given[0]}").main()
     else:
+        import difflib
+
         near = difflib.get_close_matches(given[0], _ORDER, 1)
         meant = f"; did you mean {near[0]}?" if near else ""
         _refuse(f"command: got {given[0]}, expected one of {', '.join(_ORDER)}{meant}")
@@ -50,6 +55,8 @@ def _run() -> None:
 
 def questions() -> dict[str, str]:
     """The question that each command answers: the first sentence of its `--help`."""
+    import yaml
+
     found = {}
     for name in _ORDER:
         content = yaml.safe_load((Path(conf_dir()) / "help" / f"{name}.yaml").read_text(encoding="utf-8"))

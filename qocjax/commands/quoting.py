@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import QuotedString
-from hydra.errors import HydraException
+if TYPE_CHECKING:  # Hydra is imported once a program can be stopped in one line
+    from hydra.core.override_parser.overrides_parser import OverridesParser
 
 __all__ = ["PATHS", "as_options", "quoted_options"]
 
@@ -28,6 +28,8 @@ def quoted_options(arguments: Sequence[str]) -> list[str]:
     Args:
         arguments: Of a command line, without the program.
     """
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+
     parser = OverridesParser.create()
     many = any(each in ("-m", "--multirun") for each in arguments)
     return [_quoted(each, parser, many) for each in arguments]
@@ -63,6 +65,9 @@ def _is_name(value: str) -> bool:
 
 def _parsed(argument: str, parser: OverridesParser) -> object:
     """What Hydra makes of a value; None where it cannot parse it."""
+    from hydra.core.override_parser.types import QuotedString
+    from hydra.errors import HydraException
+
     try:
         found = parser.parse_override(argument)
         value = found.value()
