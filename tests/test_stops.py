@@ -61,6 +61,8 @@ PROGRAM = """
 import hashlib, time
 from tempfile import TemporaryDirectory
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import get_context
+from qocjax._beside import without_interrupts
 from qocjax.commands.stopping import as_program, stoppable
 
 def main():
@@ -168,6 +170,15 @@ def test_the_process_beside_is_ended_with_its_work_or_without(tmp_path: Path) ->
     assert child.pid is not None and not _runs(child.pid)
     with pytest.raises(BrokenExecutor):
         late.result(30)
+
+
+def test_a_kill_leaves_nothing_for_the_system_to_warn_of() -> None:
+    """Semaphores, as those of Dask, are cleared away without a word."""
+    held = "with without_interrupts(): queue = get_context('spawn').Queue()"
+    with started(f"{held}\n        print('holds', flush=True); time.sleep(60)") as process:
+        assert process.stdout is not None and process.stdout.readline() == "holds\n"
+        process.kill()
+        assert process.communicate(timeout=30)[1] == ""
 
 
 def test_the_process_that_draws_ends_with_its_parent(tmp_path: Path) -> None:
