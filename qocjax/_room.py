@@ -7,7 +7,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["check_results", "check_room", "check_runs", "is_memory", "memory"]
+__all__ = ["check_results", "check_room", "check_runs", "is_memory", "memory", "results_size"]
 
 _CGROUPS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 _STEP = 32  # bytes of a robot-step of a batch, at least: loop times, schedule and age, in and out
@@ -45,7 +45,7 @@ def check_room(name: str, what: str, size: float, instead: str) -> None:
         ValueError: There is less.
     """
     if size > memory():
-        raise ValueError(f"{name}: got {what}, which take {_told(size)} of memory at least, expected at most the "
+        raise ValueError(f"{name}: got {what}, which takes {_told(size)} of memory at least, expected at most the "
                          f"{_told(memory())} here: {instead}")  # fmt: skip
 
 
@@ -66,7 +66,12 @@ def check_results(designs: float, seeds: float, robots: float) -> None:
         ValueError: They take more memory than there is.
     """
     check_room("seeds, designs", f"{seeds:.4g} seeds of {designs:.4g} designs with {robots:.4g} robots",
-               _RUN * designs * seeds * robots, "fewer of them")  # fmt: skip
+               results_size(designs, seeds, robots), "fewer of them")  # fmt: skip
+
+
+def results_size(designs: float, seeds: float, robots: float = 1) -> float:
+    """Bytes of the metrics of so many runs, at least."""
+    return _RUN * designs * seeds * robots
 
 
 def is_memory(error: BaseException) -> bool:

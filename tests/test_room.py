@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import qocjax.batch.runner as runner
 from qocjax import Design, Rules, Scenario, _checks, _room, evaluate, one_at_a_time, paper_network, replay, run_study
+from qocjax._conf import add_resolver, conf_dir, hydra_base
 from qocjax.config.part import Part, load
 from qocjax.fleets.layout import Layout
 from qocjax.scenario import num_ticks
@@ -24,10 +27,15 @@ NETWORK, GIGABYTE = paper_network(), 10**9
 
 
 @pytest.fixture(autouse=True)
-def _little(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A machine of a gigabyte, on which nothing is compiled, and no refusal takes a tenth of it."""
+def _little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine of a gigabyte, on which nothing is compiled."""
     monkeypatch.setattr(_room, "memory", lambda: GIGABYTE)
     monkeypatch.setattr(runner, "compiled", lambda *_: pytest.fail("got as far as compiling"))
+
+
+@pytest.fixture
+def _spared() -> Iterator[None]:
+    """No refusal takes a tenth of the memory."""
     tracemalloc.start()
     yield
     peak = tracemalloc.get_traced_memory()[1]
@@ -69,6 +77,7 @@ SIZES: list[tuple[str, Callable[[], Any]]] = [
 ]
 
 
+@pytest.mark.usefixtures("_spared")
 @pytest.mark.parametrize(("name", "call"), SIZES, ids=range(len(SIZES)))
 def test_sizes_beyond_the_machine_are_one_line(name: str, call: Callable[[], Any]) -> None:
     with pytest.raises(ValueError, match=f"^{name}: got .*expected at most") as caught:
@@ -92,6 +101,24 @@ def test_numbers_that_32_bits_do_not_hold_are_refused_with_their_option(value: f
 def test_numbers_that_they_hold_are_taken() -> None:
     values = {"one": float("inf"), "many": [[0, -1e-30, 2**31], [1e38, -1e-37, 0.0]]}
     assert load(Numbers, OmegaConf.create(values)).model_dump() == values
+
+
+ASKED = [
+    ("tune", "tune.evaluation_seeds"), ("tune", "tune.landscape"), ("tune", "tune.steps"), ("qos", "qos.seeds"),
+    ("codesign", "search.choice_seeds"), ("codesign", "sweep.evaluation_seeds"), ("advise", "advise.fresh_seeds"),
+    ("advise", "advise.margins.points"), ("validate", "validation.resamples"), ("validate", "validation.seeds"),
+    ("fleet", "fleet.seeds"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "option"), ASKED, ids=[option for _, option in ASKED])
+def test_what_a_command_asks_for_later_is_refused_at_once(command: str, option: str) -> None:
+    add_resolver("own_folder", lambda *given: None)
+    model = import_module(f"qocjax.{command}").main.model()
+    with initialize_config_dir(str(conf_dir()), **hydra_base()):
+        given = compose(command, [f"{option}=200000000"])
+    with pytest.raises(ValueError, match=f"^{option}: got 200000000, which takes .* of memory at least"):
+        load(model, given)
 
 
 def test_the_memory_of_a_machine_is_known(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from dataclasses import dataclass
-from pathlib import Path
 
 from distributed.security import Security
 
@@ -29,7 +29,7 @@ class Certificates:
         Raises:
             ValueError: A file is not there.
         """
-        files = {name: str(Path(getattr(self, name)).expanduser()) for name in _FILES}
+        files = {name: os.path.expanduser(getattr(self, name)) for name in _FILES}
         for name, file in files.items():
             try:
                 check_regular(file)

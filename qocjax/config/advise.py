@@ -86,6 +86,22 @@ class AdviseConfig(SimulationConfig, KeptConfig):
     usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
     free: ClassVar[tuple[str, ...]] = ("figures", "resume")  # nav2 comes back with what is advised
 
+    def sizes(self) -> dict[str, float]:
+        """Of the runs of a round, of a judgement and of a margin."""
+        part, margins = self.advise, self.advise.margins
+        return {
+            "advise.points": self.runs_size(part.points, max(part.rounds, default=1)),
+            "advise.rounds": self.runs_size(part.finalists, max(part.rounds, default=1)),
+            "advise.finalists": self.runs_size(part.finalists, max(part.rounds, default=1)),
+            "advise.choice_seeds": self.runs_size(part.finalists, part.choice_seeds),
+            "advise.fresh_seeds": self.runs_size(1, part.fresh_seeds),
+            "advise.beside_seeds": self.runs_size(1, part.beside_seeds),
+            "advise.margins.plane_seeds": self.runs_size(margins.delays**2, margins.plane_seeds),
+            "advise.margins.delays": self.runs_size(margins.delays**2, margins.plane_seeds),
+            "advise.margins.points": self.runs_size(margins.points, margins.seeds),
+            "advise.margins.seeds": self.runs_size(margins.points, margins.seeds),
+        }
+
     def log(self) -> TraceConfig | None:
         """The file whose content says itself what it is, where the network is one."""
         if self.path is not None:

@@ -94,6 +94,19 @@ class CodesignConfig(SweptConfig, KeptConfig):
 
     usual_discipline: ClassVar[str] = "skip"  # what is free, a search spends
 
+    def sizes(self) -> dict[str, float]:
+        """Of the runs of a look, of a choice and of a judgement, and of what is known of each look and search."""
+        part, searches = self.search, len(self.search.methods) * self.search.repetitions
+        return {
+            "search.block": self.runs_size(1, part.block),
+            "search.finalists": self.runs_size(part.finalists, part.block),
+            "search.choice_seeds": self.runs_size(part.finalists, part.choice_seeds),
+            "search.curve_seeds": self.runs_size(1, part.curve_seeds),
+            "search.repetitions": 1000.0 * searches,
+            "search.budget": 100.0 * part.budget / max(part.block, 1),
+            "sweep.evaluation_seeds": self.runs_size(1, self.sweep.evaluation_seeds),
+        }
+
     def build_space(self) -> Space:
         """Where the search moves.
 

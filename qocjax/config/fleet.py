@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from qocjax import _checks
+from qocjax._room import results_size
 from qocjax.config.cell import CellConfig
 from qocjax.config.controller import ControllerConfig
 from qocjax.config.delay import EdgeConfig
@@ -83,6 +84,16 @@ class FleetConfig(KeptConfig):
     chunk_steps: Annotated[float, Field(gt=0)]
 
     usual_discipline: ClassVar[str] = "skip"
+
+    def sizes(self) -> dict[str, float]:
+        """Of one run of the largest fleet, and of the runs of one robot."""
+        part = self.fleet
+        return {
+            "fleet.robots": results_size(1, 1, max(self.fleet.robots, default=1)),
+            "fleet.map.robots": results_size(1, 1, max(part.map.robots, default=1)),
+            "fleet.seeds": results_size(1, part.seeds),
+            "fleet.evaluation_seeds": results_size(1, part.evaluation_seeds),
+        }
 
     def check(self) -> None:
         """Checks all that is asked before anything is simulated.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from qocjax._conf import conf_dir
+from qocjax._room import check_room
 
 _WHOLE, _LEAST, _MOST = 10**18, 1e-37, 1e38  # of numbers in a configuration
 _TOLD = 5  # errors of one kind
@@ -22,6 +23,10 @@ class Part(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+    def sizes(self) -> Mapping[str, float]:
+        """Bytes of memory, at least, of what some options ask for at once, by their full name."""
+        return {}
+
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -30,7 +35,8 @@ def load(model: type[M], cfg: DictConfig) -> M:
     """Checks a composed configuration against its schema.
 
     Raises:
-        ValueError: An unknown key, a missing one or a wrong type; one line for each, with its full name.
+        ValueError: An unknown key, a missing one or a wrong type, one line for each, with its full name; or a number
+            that asks for more than there is memory.
     """
     if missing := sorted(OmegaConf.missing_keys(cfg)):
         raise ValueError("; ".join(f"{name}: got nothing, expected a value" for name in missing))
@@ -38,10 +44,13 @@ def load(model: type[M], cfg: DictConfig) -> M:
     if odd := list(_beyond(raw, "")):
         raise ValueError("; ".join(odd[:_TOLD]))
     try:
-        return model.model_validate(raw)
+        found = model.model_validate(raw)
     except ValidationError as error:
         lines = [line_of(item, raw) for item in error.errors()]
         raise ValueError("; ".join(lines)) from None
+    for name, size in found.sizes().items() if isinstance(found, Part) else ():
+        check_room(name, str(OmegaConf.select(cfg, name)), size, "less")
+    return found
 
 
 def _beyond(value: Any, name: str) -> Iterator[str]:

@@ -57,6 +57,11 @@ class QosConfig(SimulationConfig, KeptConfig):
     carrier: CarrierConfig
     figures: bool
 
+    def sizes(self) -> dict[str, float]:
+        """Of the runs of one profile and channel, with its messages both ways."""
+        part, ticks = self.qos, self.scenario.horizon / self.loop.tau if self.loop.tau > 0 else 0.0
+        return {"qos.seeds": self.runs_size(max(len(part.deadline_ms), 10 * ticks), part.seeds)}
+
     def build_topics(self) -> tuple[DdsNetwork, Edge]:
         """The network, and its edge.
 

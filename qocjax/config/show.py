@@ -18,6 +18,9 @@ from qocjax.scenario import Design
 __all__ = ["ShowConfig"]
 
 
+_FRAME = 10_000  # bytes of a frame of a film, at least
+
+
 class ShowOptions(Part):
     """Which run, and what of it is drawn."""
 
@@ -37,6 +40,12 @@ class ShowConfig(SimulationConfig):
     nav2: str | None
     figures: bool
     bag: bool
+
+    def sizes(self) -> dict[str, float]:
+        """Of the frames of a film."""
+        part = self.show
+        seconds = self.scenario.horizon if part.until is None else min(part.until, self.scenario.horizon)
+        return {"show.fps": _FRAME * seconds * part.fps if self.figures else 0.0}
 
     def build_design(self) -> Design:
         """The design that is shown.

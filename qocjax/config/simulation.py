@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from qocjax import _checks
+from qocjax._room import results_size
 from qocjax.config.cell import CellConfig
 from qocjax.config.controller import ControllerConfig, map_of
 from qocjax.config.network import DdsConfig, NetworkConfig
@@ -102,6 +103,10 @@ class SimulationConfig(Part):
 
     usual_discipline: ClassVar[str] = "unlimited"
     """Of the edge, where the configuration leaves it open."""
+
+    def runs_size(self, designs: float, seeds: float | None) -> float:
+        """Bytes of the metrics of so many runs."""
+        return results_size(designs, seeds or 0, len(self.scenario.start))
 
     def build_scenario(self) -> Scenario:
         """Robots and yardstick."""

@@ -100,6 +100,18 @@ class TuneConfig(SimulationConfig, KeptConfig):
     tune: TuningConfig
     figures: bool
 
+    def sizes(self) -> dict[str, float]:
+        """Of the runs of a step, of a part of the study, of the map of gains, and of what each step is told by."""
+        part, axis = self.tune, len(self.tune.deadline_ms)
+        return {
+            "tune.seeds": self.runs_size(axis, part.seeds),
+            "tune.evaluation_seeds": self.runs_size(1, part.evaluation_seeds),
+            "tune.step_seeds": self.runs_size(axis, part.step_seeds),
+            "tune.starts": self.runs_size(axis * part.starts, part.step_seeds),
+            "tune.steps": 8.0 * axis * part.starts * part.steps,
+            "tune.landscape": self.runs_size(part.landscape**2, part.seeds) if self.figures else 0.0,
+        }
+
     def build_bounds(self) -> tuning.Bounds:
         """What is tuned, and between what.
 

@@ -110,6 +110,14 @@ class ValidateConfig(SimulationConfig, KeptConfig):
     nav2: str | None
     figures: bool
 
+    def sizes(self) -> dict[str, float]:
+        """Of the runs of a curve, and of the weights of its seeds in bootstrap samples."""
+        part = self.validation
+        return {
+            "validation.seeds": self.runs_size(len(part.delay_ms or ()), part.seeds),
+            "validation.resamples": 8.0 * part.resamples * max(part.seeds, len(part.delay_ms or ())),
+        }
+
     def delays(self) -> np.ndarray | None:
         """The configured delays (s), where they are given.
 

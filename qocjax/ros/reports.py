@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
@@ -57,7 +58,7 @@ class Record:
     """
 
     def __init__(self, path: str, columns: Sequence[str]) -> None:
-        self.path = _free(Path(path).expanduser()) if path else None
+        self.path = _free(Path(os.path.expanduser(path))) if path else None
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "x", buffering=1, newline="", encoding="utf-8")
