@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
+from typing import Any
+
+import numpy as np
 
 from qocjax._once import Once
 from qocjax._pieces import Arrays, kept_by
@@ -40,7 +43,7 @@ class Journal:
         if name not in self._files:
             return None
         file = self._files[name]
-        return self._contents.get(file, lambda: self._read(file))[name]
+        return self._contents.get(file, lambda: _unpacked(self._chunks.arrays(file), self._chunks.header(file)))[name]
 
     def put(self, name: str, arrays: Arrays) -> None:
         """Keeps a piece: in a file at once, or with what is finished within half a second of the last."""
@@ -62,11 +65,9 @@ class Journal:
         """
         if self._pending:
             file = next(name for k in count(len(self._taken)) if (name := f"pieces-{k:06}") not in self._taken)
-            names = list(self._pending)
-            arrays = {f"{k}.{name}": values for k, each in enumerate(names)
-                      for name, values in self._pending[each].items()}  # fmt: skip
-            self._chunks.put(file, _KIND, arrays, {"pieces": names, "made_with": made_with()})
-            self._files |= dict.fromkeys(names, file)
+            content, pieces = _packed(self._pending)
+            self._chunks.put(file, _KIND, content, pieces | {"made_with": made_with()})
+            self._files |= dict.fromkeys(self._pending, file)
             self._pending.clear()
             self._taken.add(file)
         self._last = time.monotonic()
@@ -81,7 +82,7 @@ class Journal:
                 continue
             header = self._chunks.header(file)
             makers.append(header["made_with"])
-            self._files |= dict.fromkeys(header["pieces"], file)
+            self._files |= dict.fromkeys([name for name, _ in header["pieces"]], file)
             self._taken.add(file)
         if wrong:
             more = {1: "", 2: ", and so is 1 more file"}.get(len(wrong), f", and so are {len(wrong) - 1} more files")
@@ -89,13 +90,28 @@ class Journal:
         for text in change_of([*makers, made_with()]) if makers else []:
             self._note(text)
 
-    def _read(self, file: str) -> dict[str, Arrays]:
-        """The pieces of a file."""
-        found: list[Arrays] = [{} for _ in self._chunks.header(file)["pieces"]]
-        for name, values in self._chunks.arrays(file).items():
-            k, _, own = name.partition(".")
-            found[int(k)][own] = values
-        return dict(zip(self._chunks.header(file)["pieces"], found, strict=True))
+
+def _packed(pieces: Mapping[str, Arrays]) -> tuple[Arrays, dict[str, Any]]:
+    """Pieces laid end to end, as many are of a few runs alone, and what tells them apart."""
+    forms: dict[tuple, int] = {}  # names, types and shapes of arrays, which pieces have in common
+    rows = []
+    for name, arrays in pieces.items():
+        form = tuple((key, values.dtype.str, values.shape) for key, values in arrays.items())
+        rows.append([name, forms.setdefault(form, len(forms))])
+    every = [np.ascontiguousarray(values).tobytes() for arrays in pieces.values() for values in arrays.values()]
+    return {"content": np.frombuffer(bytearray().join(every), np.uint8)}, {"pieces": rows, "forms": [*forms]}
+
+
+def _unpacked(content: Arrays, header: Mapping[str, Any]) -> dict[str, Arrays]:
+    """The pieces again."""
+    data, place = content["content"].tobytes(), 0
+    found: dict[str, Arrays] = {}
+    for name, form in header["pieces"]:
+        found[name] = {}
+        for key, kind, shape in header["forms"][form]:
+            values = np.frombuffer(data, kind, int(np.prod(shape)), place).reshape(shape)
+            found[name][key], place = values, place + values.nbytes
+    return found
 
 
 @contextmanager
