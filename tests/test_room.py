@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable, Iterator
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from qocjax import Design, Rules, Scenario, _checks, _room, evaluate, one_at_a_t
 from qocjax._conf import add_resolver, conf_dir, hydra_base
 from qocjax.config.part import Part, load
 from qocjax.fleets.layout import Layout
+from qocjax.network.records import read_records
 from qocjax.scenario import num_ticks
 from qocjax.study.chunks import Part as StudyPart
 from qocjax.study.chunks import plan
@@ -83,6 +85,17 @@ def test_sizes_beyond_the_machine_are_one_line(name: str, call: Callable[[], Any
     with pytest.raises(ValueError, match=f"^{name}: got .*expected at most") as caught:
         call()
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 300
+
+
+def test_a_packed_table_that_unpacks_to_more_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A million rows that are alike take a few kB."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = pytest.importorskip("pyarrow").table({"rtt": np.full(10**6, 0.1)})
+    parquet.write_table(table, tmp_path / "loops.parquet", compression="zstd")
+    assert (tmp_path / "loops.parquet").stat().st_size < 10**5
+    monkeypatch.setattr(_room, "memory", lambda: 10**7)
+    with pytest.raises(ValueError, match="loops.parquet: got 1000000 rows of 1 columns, which takes 50 MB of memory"):
+        read_records(tmp_path / "loops.parquet")
 
 
 class Numbers(Part):

@@ -246,10 +246,13 @@ def _stop_where_it_simulates() -> None:
     sys.modules["qocjax.single"]._simulate = stop  # type: ignore[attr-defined]
 
 
-def prepare() -> None:
-    """Imports what children share; starts no backend of JAX, which would not live on in them."""
+def prepare(work: bool = True) -> None:
+    """Imports what children share, what commands do too; starts no backend of JAX, which would not live on in them."""
     for command in COMMANDS:
-        importlib.import_module(f"qocjax.{command}")
+        importlib.import_module(f"qocjax.{command}").main.model()
+    if not work:
+        return
+    for command in COMMANDS:
         importlib.import_module(f"qocjax.commands.{command}")
     for name in ("sweep_work", "sweep_page"):
         importlib.import_module(f"qocjax.commands.{name}")
@@ -264,7 +267,7 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="print every outcome")
     parser.add_argument("--no-studies", action="store_true", help="damage none, which would have to be simulated first")
     asked = parser.parse_args()
-    prepare()
+    prepare(work=not asked.no_studies)
     rng, commands = random.Random(asked.seed), [asked.command] if asked.command else list(COMMANDS)
     faults, codes = 0, {}
     with tempfile.TemporaryDirectory() as home:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from qocjax._reading import check_regular, decoding, read_text
+from qocjax._room import check_room
 
 __all__ = ["RECORDS", "Rows", "parsed_json", "read_records"]
 
@@ -102,6 +103,9 @@ def _flat(record: dict[str, Any], above: str = "") -> dict[str, str]:
     return found
 
 
+_CELL = 50  # bytes of a text, at least
+
+
 def _parquet(path: Path) -> Rows:
     check_regular(path)
     try:
@@ -110,6 +114,10 @@ def _parquet(path: Path) -> Rows:
     except ImportError:
         raise ValueError(f"{path}: needs pyarrow to be read, expected it: pip install 'qocjax[parquet]'") from None
     with decoding(path, "Parquet"):
+        about = pq.read_metadata(path)
+        many, packed = about.num_rows * about.num_columns, [about.row_group(k) for k in range(about.num_row_groups)]
+        check_room(str(path), f"{about.num_rows} rows of {about.num_columns} columns",
+                   max(_CELL * many, sum(group.total_byte_size for group in packed)), "a part of them")  # fmt: skip
         table = pq.read_table(path)
         columns = []
         for column in table.columns:
