@@ -11,6 +11,7 @@ from qocjax.config.simulation import SimulationConfig
 from qocjax.network import Edge
 from qocjax.network.dds import DdsNetwork, Profile
 from qocjax.network.demand import Carrier
+from qocjax.network.interface import general_length
 from qocjax.quality import QocScale
 
 __all__ = ["QosConfig"]
@@ -50,6 +51,9 @@ class QosOptions(Part):
     scale: str | None
 
 
+_MESSAGES = 7  # times the bytes of a run, that a tick of both ways takes
+
+
 class QosConfig(SimulationConfig, KeptConfig):
     """Everything that `python -m qocjax.qos` reads."""
 
@@ -60,7 +64,8 @@ class QosConfig(SimulationConfig, KeptConfig):
     def sizes(self) -> dict[str, float]:
         """Of the runs of one profile and channel, with its messages both ways."""
         part, ticks = self.qos, self.scenario.horizon / self.loop.tau if self.loop.tau > 0 else 0.0
-        return {"qos.seeds": self.runs_size(max(len(part.deadline_ms), 10 * ticks), part.seeds)}
+        messages = _MESSAGES * general_length(int(min(ticks, 1e12)))
+        return {"qos.seeds": self.runs_size(max(len(part.deadline_ms), messages), part.seeds)}
 
     def build_topics(self) -> tuple[DdsNetwork, Edge]:
         """The network, and its edge.
