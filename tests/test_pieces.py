@@ -25,7 +25,7 @@ from qocjax.store.journal import journal
 from qocjax.store.study_folder import study_folder
 
 SCENARIO = Scenario(horizon=2.0)
-DESIGNS = Design(tau=0.1, kappa=[1.0, 2.0], deadline=[0.15, 0.25])
+DESIGNS = Design(tau=0.1, kappa=[1.0, 2.0], deadline=0.15)
 
 
 class InMemory:
@@ -78,12 +78,12 @@ def test_batches_are_found_again_to_the_bit(batches: list[Any]) -> None:
     with kept_by(keeper):
         first = evaluated(max_runs=2)
         some = len(keeper.there)
-        gradients = gradient(SCENARIO, DESIGNS, paper_network(), range(3))
+        gradients = gradient(SCENARIO, DESIGNS, paper_network(), range(3), ["kappa"])
         assert some > 2 and len(keeper.there) > some
         done = len(batches)
         again = evaluated(max_runs=2, progress=steps.append)
         xr.testing.assert_identical(again, first)
-        xr.testing.assert_identical(gradient(SCENARIO, DESIGNS, paper_network(), range(3)), gradients)
+        xr.testing.assert_identical(gradient(SCENARIO, DESIGNS, paper_network(), range(3), ["kappa"]), gradients)
     assert len(batches) == done and sum(steps) == 2 * 2 * 3 * 20
     evaluated()
     assert len(batches) == done + count  # and nothing is kept any more
@@ -97,6 +97,7 @@ def test_what_differs_in_anything_is_another_piece() -> None:
         {}, {"seeds": range(1, 4)}, {"key": 1}, {"rules": Rules(hold="zero")}, {"scenario": robots}, {"max_runs": 3},
         {"network": replace(paper_network(), name="other")}, {"controller": Outside()}, {"controller": Outside(0.5)},
         {"designs": replace(DESIGNS, kappa=[1.0, 2.5])}, {"only": ([0], [0, 1, 2])},
+        {"only": ([0, 1], [0, 1, 2]), "seeds": range(4)},
     ]  # fmt: skip
     with kept_by(keeper):
         for k, each in enumerate(changes):
@@ -112,7 +113,7 @@ def test_recorded_loops_are_told_by_their_keys_and_times() -> None:
     with kept_by(keeper):
         for factor in (1.0, 1.0, 2.0):
             evaluated(network=RecordedLoops(keys, factor * times, "a"), seeds=range(2))
-    assert len(keeper.there) == 4 and keeper.untold == []  # two deadlines, two recordings
+    assert len(keeper.there) == 2 and keeper.untold == []  # two recordings
 
 
 def test_what_no_content_names_is_computed_and_told() -> None:

@@ -241,7 +241,8 @@ def test_the_command_writes_what_it_says(composer: None, tmp_path: Path) -> None
     assert {path.stem for path in (tmp_path / "figures").glob("*.png")} == {"qoc", "delay", "map"}
     table = pd.read_csv(tmp_path / "results.csv")
     assert len(table) == 2 * 2 * 2 and set(table["profile"]) == {"BEST_EFFORT", "RELIABLE_10"}
-    assert {p.name for p in tmp_path.glob("*.json")} == {"record.json"} and (tmp_path / "config.yaml").is_file()
+    assert {p.name for p in tmp_path.glob("*.json")} == {"record.json", "study.json"}
+    assert (tmp_path / "config.yaml").is_file()
     shown = text(study, config.shown())
     assert "RELIABLE_10" in shown and "0.2, independently" in shown and "nan" not in shown
 

@@ -142,8 +142,11 @@ def run_grid(
     chosen = [replace(group, designs=group.designs[wanted[group.designs]]) for group in groups]
     work = [group for group in chosen if len(group.designs)]
     batches = batches_of(work, len(numbers), scenario.num_robots, max_runs, snug=controller.costly)
+    # All that the batches and their bits follow from.
+    values = (
+        scenario, grid, rows, network, numbers, total, measure, rules, key, width.str, max_runs, in_blocks, controller,
+    )  # fmt: skip
     results: dict[str, np.ndarray] = {}
-    values = scenario, grid, rows, network, numbers, measure, rules, key, width.str, max_runs, in_blocks, controller
     for batch, found in kept_each(values, batches, lambda some: _in_parallel(runner.run, some, pool)):
         _put(results, (len(rows), len(numbers)), batch, np.searchsorted(rows, batch.designs), found)
         if progress is not None:
