@@ -76,7 +76,7 @@ def kept_each(
     Args:
         values: With its number what a piece is a pure function of.
         pieces: Which there are; the same ones in the same order for the same values.
-        compute: Yields the pieces that it is given, in any order.
+        compute: Yields the very pieces that it is given, in any order.
     """
     keeper, name = _named(values)
     if keeper is None:

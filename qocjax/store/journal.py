@@ -109,7 +109,7 @@ def _unpacked(content: Arrays, header: Mapping[str, Any]) -> dict[str, Arrays]:
     for name, form in header["pieces"]:
         found[name] = {}
         for key, kind, shape in header["forms"][form]:
-            values = np.frombuffer(data, kind, int(np.prod(shape)), place).reshape(shape)
+            values = np.frombuffer(data, kind, int(np.prod(shape)), place).reshape(shape).copy()  # aligned
             found[name][key], place = values, place + values.nbytes
     return found
 
