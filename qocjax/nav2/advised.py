@@ -13,7 +13,7 @@ from qocjax.nav2.document import Value
 from qocjax.nav2.known import DWB, MPPI, RPP, SHIM
 from qocjax.nav2.read import NavParams, Plugin
 from qocjax.nav2.write import Change
-from qocjax.network.schedule import Rules
+from qocjax.network.schedule import Rules, split_deadline
 
 __all__ = ["Set", "advised", "horizon", "setting"]
 
@@ -43,8 +43,7 @@ def setting(advice: Advice, rules: Rules) -> Set:
     tau, deadline, v_max, omega_max = (
         float(np.asarray(getattr(best, name))) for name in ("tau", "deadline", "v_max", "omega_max")
     )
-    peak = float(advice.judged["age_peak_p99"].iloc[-1])
-    hold, why = math.ceil(peak * 20) / 20, f"99 % of the simulated runs had no command older than {peak:.2f} s"
+    hold, why = _oldest(float(advice.judged["age_peak_p99"].iloc[-1]), deadline, tau, rules)
     if rules.hold == "timeout":
         hold, why = rules.hold_timeout, "s of age after which the simulated robot stops"
     elif rules.hold == "zero":
@@ -52,6 +51,29 @@ def setting(advice: Advice, rules: Rules) -> Set:
     middle = advice.character["percentiles_ms"]["p50"] / 1e3
     delay = {"deadline": deadline, "instant": 0.0}.get(rules.actuation, min(middle, deadline))
     return Set(tau, deadline, _rounded(v_max), _rounded(omega_max), _rounded(hold), why, _rounded(delay))
+
+
+def _oldest(peak: float, deadline: float, tau: float, rules: Rules) -> tuple[float, str]:
+    """Age that commands in force reach (s), in whole 50 ms, and what it is; one missed loop is no reason to brake.
+
+    Args:
+        peak: Largest age at sampling instants (s), of 99 % of the runs. A command stays in force until the next one takes
+            effect, after the next instant.
+        deadline: Delta (s).
+        tau: Sampling period (s).
+        rules: Actuation.
+    """
+    rest = float(split_deadline(np.float64(deadline), np.float64(tau))[1]) if rules.actuation == "deadline" else 0.0
+    oldest, missed = peak + (rest or tau), deadline + 2.0 * tau
+    if oldest >= missed:
+        return _in_50_ms(oldest), f"99 % of the simulated runs had no command older than {oldest:.3g} s"
+    return _in_50_ms(
+        missed
+    ), f"deadline + 2 tau, as one loop may be missed; 99 % of the simulated runs keep {oldest:.3g} s"
+
+
+def _in_50_ms(age: float) -> float:
+    return math.ceil(round(age * 20, 6)) / 20
 
 
 def horizon(plugin: Plugin | None) -> float:
