@@ -70,6 +70,14 @@ def composer() -> Iterator[None]:
         yield
 
 
+@pytest.mark.parametrize(("name", "value"), [("loop.tau", 20), ("network.compute", 20)])
+def test_milliseconds_in_the_place_of_seconds_are_remarked(name: str, value: float, composer: None) -> None:
+    options = ["network=trace", "network.path=any.csv", f"{name}={value}"]
+    (said,) = load(AdviseConfig, compose("advise", options)).remarks()
+    assert said == f"{name}: {value} is in seconds; {value} ms are {name}={value / 1e3:g}"
+    assert load(AdviseConfig, compose("advise", options[:2])).remarks() == []
+
+
 def test_quantiles_invert_reliability() -> None:
     law, levels = TruncatedNormal(0.2, 0.05), [0.01, 0.5, 0.99]
     np.testing.assert_allclose(quantiles(paper_network(), LOAD, levels), law.quantile(levels), rtol=1e-5)

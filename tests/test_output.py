@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from qocjax.commands.output import steady_output
+from qocjax.commands.output import steady_output, written_too
 
 ROOT = Path(__file__).parents[1]
 HELP = "from qocjax.commands.program import main; main()"
@@ -92,3 +92,14 @@ def test_a_study_is_whole_whatever_becomes_of_its_output(end: str, encoding: str
     )
     assert done.returncode == 0 and "Traceback" not in done.stderr, done
     assert (tmp_path / "run" / "record.json").is_file() and (tmp_path / "run" / "policies.csv").is_file()
+
+
+def test_what_is_printed_is_in_the_folder_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where the command ends with an error; and nothing where nothing is printed."""
+    with pytest.raises(KeyError), written_too(tmp_path / "page.txt"):
+        print("Δ = 0.2 s")
+        raise KeyError
+    assert capsys.readouterr().out == (tmp_path / "page.txt").read_text(encoding="utf-8") == "Δ = 0.2 s\n"
+    with written_too(tmp_path / "none.txt"):
+        pass
+    assert not (tmp_path / "none.txt").exists()

@@ -92,7 +92,11 @@ BAD_INPUT = {
 
 # What Hydra itself finds, before anything of ours runs.
 BAD_OPTIONS = {
-    "unknown option": (["wheels=2"], "Could not override 'wheels'"),
+    "unknown option": (["wheels=2"], "wheels: got an unknown option"),
+    "misspelt option": (["network.comput=0.02"], "did you mean network.compute?"),
+    "group left out": (["tau=0.02"], "did you mean loop.tau or"),
+    "misspelt group": (["netwrk=trace"], "did you mean network?"),
+    "no option": (["loop.csv"], "command line: got loop.csv, expected option=value"),
     "unknown network": (["network=carrier_pigeon"], "Could not find 'network/carrier_pigeon'"),
     "another command's help": (["help=tune"], "help: got help=tune, expected --help"),
     "unknown experiment": (["experiment=missing"], "Could not find 'experiment/missing'"),

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from qocjax._beside import process_beside
 from qocjax._conf import conf_dir, hydra_base
-from qocjax.commands.output import steady_output
+from qocjax.commands.misspelt import check_options, unknown_option
+from qocjax.commands.output import steady_output, written_too
 from qocjax.commands.resolvers import register_resolvers
 from qocjax.commands.stopping import as_program, goes_on, stoppable
 
@@ -88,6 +89,7 @@ class Command:
         try:
             sys.argv[1:] = quoted_options(_of_nav2(arguments) if self.nav2 else arguments)
             _check_help(sys.argv[1:])
+            check_options(sys.argv[1:], self.name)
             self._composed()
         except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:
             if os.environ.get("QOCJAX_TRACEBACK"):
@@ -121,9 +123,11 @@ class Command:
                 from qocjax.commands.claimed import claimed
                 from qocjax.config.part import load  # with JAX, which composing does without
 
-                load(self.model(), cfg)
+                for text in load(self.model(), cfg).remarks():
+                    print(f"note: {text}", file=sys.stderr)
                 work = import_module(f"qocjax.commands.{self.name}")
-            with kept_in(cache and cache / "traced"), claimed(folder, self.name), stoppable(way_on):
+            page = written_too(folder / f"{self.name}.txt")
+            with kept_in(cache and cache / "traced"), claimed(folder, self.name), stoppable(way_on), page:
                 work.main(cfg, *([drawing] if self.draws else []))
 
 
@@ -224,6 +228,7 @@ def _fail(error: Exception) -> NoReturn:
         text = f"{error.filename}: {error.strerror}"
     for lines, line in ((r":\s*\n\s*", ": "), (r"\.\s*\n\s*", ". "), (r"\s*\n\s*", ", ")):
         text = re.sub(lines, line, text)
+    text = unknown_option(text)
     print(f"error: {text if len(text) <= _LONGEST else text[:_LONGEST] + ' ...'}", file=sys.stderr)
     sys.exit(2)
 

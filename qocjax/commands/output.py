@@ -5,13 +5,15 @@ from __future__ import annotations
 import codecs
 import errno
 import functools
+import io
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, TextIO, cast
 
-__all__ = ["steady_output"]
+__all__ = ["steady_output", "written_too"]
 
 _PLAIN = {
     "Δ": "Delta", "τ": "tau", "κ": "kappa", "η": "eta", "γ": "gamma", "ν": "nu", "ω": "omega", "φ": "phi", "±": "+/-",
@@ -73,6 +75,36 @@ def steady_output() -> Iterator[None]:
             sys.stderr.write(f"note: not all could be printed: {lost.strerror or lost}; files are complete\n")
         steady[1].flush()
         sys.stdout, sys.stderr = before
+
+
+@contextmanager
+def written_too(path: Path) -> Iterator[None]:
+    """Keeps what is printed on standard output, letters as they are, in a file that is written in the end."""
+    shown, kept = sys.stdout, io.StringIO()
+    sys.stdout = cast(TextIO, _Both(shown, kept))
+    try:
+        yield
+    finally:
+        sys.stdout = shown
+        if kept.getvalue():
+            from qocjax.store.files import write_text  # with OmegaConf, which a program that starts does without
+
+            write_text(path, kept.getvalue())
+
+
+class _Both:
+    """A stream that also keeps what is written to it."""
+
+    def __init__(self, stream: TextIO, kept: io.StringIO) -> None:
+        self._stream, self._kept = stream, kept
+
+    def write(self, text: str) -> int:
+        """Writes a text to both."""
+        self._kept.write(text)
+        return self._stream.write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _steady(stream: TextIO | None) -> _Steady:

@@ -27,6 +27,10 @@ class Part(BaseModel):
         """Bytes of memory, at least, of what some options ask for at once, by their full name."""
         return {}
 
+    def remarks(self) -> list[str]:
+        """What looks like a slip, though it may be meant."""
+        return []
+
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -91,6 +91,9 @@ class ScenarioConfig(Part):
         )
 
 
+_LONG = 5.0  # s, a period or a computation that nobody steers a robot with
+
+
 class SimulationConfig(Part):
     """What every command line simulates: robots, controller, loop, scenario and network."""
 
@@ -103,6 +106,16 @@ class SimulationConfig(Part):
 
     usual_discipline: ClassVar[str] = "unlimited"
     """Of the edge, where the configuration leaves it open."""
+
+    def remarks(self) -> list[str]:
+        """Times of many seconds, where milliseconds may be meant."""
+        compute = getattr(self.network, "compute", None)
+        times = {"loop.tau": self.loop.tau, "network.compute": getattr(compute, "value", None)}  # of a constant law
+        return [
+            f"{name}: {value:g} is in seconds; {value:g} ms are {name}={value / 1e3:g}"
+            for name, value in times.items()
+            if isinstance(value, (int, float)) and value >= _LONG
+        ]
 
     def runs_size(self, designs: float, seeds: float | None) -> float:
         """Bytes of the metrics of so many runs."""
