@@ -118,6 +118,11 @@ for options in json.loads(sys.argv[1]):
 """
 
 
+def test_the_citations_are_of_this_version() -> None:
+    assert OmegaConf.load(ROOT / "CITATION.cff").version == qocjax.__version__
+    assert f"version = {{{qocjax.__version__}}}" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="session")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """For commands: the checkout first on the path, and compiled programs shared among them."""

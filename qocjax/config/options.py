@@ -41,7 +41,8 @@ def number_at(config: Part, name: str) -> float:
             here = getattr(here, step, None)
     if isinstance(here, bool) or not isinstance(here, (int, float)):
         got = "no number" if here is None or isinstance(here, (Part, Mapping)) else repr(here)
-        raise ValueError(f"{name}: got {got}, expected an option of {', '.join(PARTS)} that is set to a number")
+        raise ValueError(f"{name}: got {got}, expected an option of {', '.join(PARTS)} that is set to a number, as by "
+                         f"{name}=1.0 beside it")  # fmt: skip
     return float(here)
 
 

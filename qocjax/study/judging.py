@@ -63,7 +63,7 @@ def judged_policies(
         axes = axes_of(pick.sweep) if is_joint(pick.sweep) else ()  # of one alone the value says it
         line |= {name: point[name] for name in ("value", *axes, "deadline", "reliability", "reliability_se")}
         line |= {"qoc_selection": point["qoc"]} | shown.metrics(place) | shown.gap(place, first)
-        line["within_limit"] = limit is None or bool(pick.kept and line["collision_high"] <= limit)
+        line["within_limit"] = limit is None or bool(line["collision_high"] <= limit)
         line |= {"seeds": units.size, "at_edge": edges_of(results[results["sweep"] == pick.sweep], point, pick.policy)}
         if limit is not None:
             other = shown.metrics(free)
