@@ -46,7 +46,7 @@ def a_plane(seeds: int = 20) -> Plane:
     delay, share = np.linspace(0.1, 0.5, 5), np.array([0.1, 0.4, 1.0])
     noise = np.random.default_rng(0).normal(0, 0.02, seeds)
     scores = 0.7 - delay[None, :, None] + 0.3 * share[:, None, None] + noise
-    return Plane(delay, share, scores, scores, np.zeros(scores.shape, bool))
+    return Plane(delay, share, scores, scores, np.zeros(scores.shape, bool), 2)
 
 
 def test_inverse_questions_on_a_linear_plane() -> None:

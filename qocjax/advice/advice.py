@@ -132,7 +132,7 @@ def advise(
 def _judged(plan: Plan, found: Chosen) -> Advice:
     """All that fresh seeds say of what was chosen."""
     goal, current, asked, limit, fresh = plan.objective, plan.current, plan.asked, plan.limit, plan.seeds.fresh
-    best, network, target = found.design, goal.network, plan.asked.target
+    best, network, target = found.design, goal.network, plan.target
     deadline, axis = float(np.asarray(best.deadline)), plan.axis(best)
     load = load_of(goal.scenario, float(np.asarray(best.tau)))
     judged, ties = judged_of(goal, found, current, fresh)

@@ -16,7 +16,8 @@ from qocjax.network.schedule import Rules
 from qocjax.scenario import Design
 from qocjax.search import stacked
 from qocjax.search.objective import Objective
-from qocjax.statistics.estimates import Estimate, share
+from qocjax.statistics.collisions import collision_share
+from qocjax.statistics.estimates import Estimate
 from qocjax.statistics.scores import Scored, Scores
 
 __all__ = ["Otherwise", "assumption_table", "otherwise"]
@@ -59,7 +60,8 @@ def otherwise(
     judged = setting.judged(runs)
     objective.simulations += setting.simulations
     return Otherwise(
-        rules.actuation, judged[0].mean(), share(runs["collided"].values[0], judged.units), best,
+        rules.actuation, judged[0].mean(),
+        collision_share(runs["collided"].values[0], objective.scenario.num_robots, judged.units), best,
         (judged[1] - judged[0]).mean(),
     )  # fmt: skip
 
@@ -96,7 +98,7 @@ def assumption_table(objective: Objective, design: Design, seeds: Sequence[int],
     base, rows = judged(objective)[0], []
     for what, (assumed, instead, other) in _alternatives(objective).items():
         scores, collided = judged(other)
-        close = share(collided, scores.units, like=scores.values)
+        close = collision_share(collided, objective.scenario.num_robots, scores.units, scores.values)
         line: dict[str, Any] = {"what": what, "assumed": assumed, "instead": instead}
         line |= scores.mean().columns("qoc") | (scores - base).mean().columns("change")
         rows.append(line | {"collision_share": close.mean, "collision_low": close.low, "collision_high": close.high})

@@ -12,6 +12,7 @@ from qocjax.advice.character import candidate_deadlines
 from qocjax.advice.robust import OBJECTIVES, Chosen, choose
 from qocjax.advice.shortlist import Effort, shortlist
 from qocjax.advice.slack import Asked
+from qocjax.advice.target import Target, usual_target
 from qocjax.controllers import Controller
 from qocjax.network import Network
 from qocjax.network.schedule import Rules
@@ -56,6 +57,12 @@ class Plan:
         return _axis(goal.scenario, goal.network, design, self.longest, self.effort.deadlines)
 
     @property
+    def target(self) -> Target:
+        """What margins keep."""
+        assert self.asked.target is not None  # `plan_of` has filled it in
+        return self.asked.target
+
+    @property
     def beside(self) -> Sequence[int]:
         """Fresh seeds of curves, changes, assumptions and slopes."""
         return self.seeds.fresh[: self.effort.beside_seeds]
@@ -87,7 +94,8 @@ def plan_of(
     _checks.bounded("max_collision_share", limit, least=0, most=1)
     _checks.bounded("margins.delay", asked.delay or 0.0, most=longest)
     _checks.choice("advise.objective", how, OBJECTIVES)
-    asked.target.check(scenario)
+    if asked.target is not None:
+        asked.target.check(scenario)
     box = Box(current, bounds)
     axis = _axis(scenario, network, current, longest, effort.deadlines)
     periods = np.unique(np.append(_checks.bounded("taus", taus, above=0), float(np.asarray(current.tau))))
@@ -99,6 +107,7 @@ def plan_of(
     few = seeds.search[: effort.rounds[0]]
     scale = scale or pilot_scale(scenario, network, current, pilot, few, rules=rules, key=key, controller=controller)
     spent = len(pilot) * len(few)
+    asked = replace(asked, target=asked.target or usual_target(scenario, scale))
     objective = Objective(scenario, network, scale, rules, key, spent, controller, told)
     return Plan(objective, current, box, periods, deadlines, longest, limit, how, effort, asked, seeds)
 
@@ -119,8 +128,9 @@ def found_by(plan: Plan) -> Chosen:
     """
     free = [*plan.box.bounds, *(["tau"] if plan.periods.size > 1 else [])]
     return choose(
-        plan.objective, _shortlists(plan), plan.current, free, plan.limit, plan.longest, plan.seeds.choice, plan.how
-    )
+        plan.objective, _shortlists(plan), plan.current, free, plan.limit, plan.longest, plan.seeds.choice, plan.how,
+        plan.target.little,
+    )  # fmt: skip
 
 
 def _shortlists(plan: Plan) -> list[Design]:

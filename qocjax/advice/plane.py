@@ -16,7 +16,8 @@ from qocjax.advice.target import Target, collision_excess
 from qocjax.network import Constant, IndependentLoss, Leg, LoopNetwork
 from qocjax.scenario import Design
 from qocjax.search.objective import Objective
-from qocjax.statistics.estimates import Estimate, share, standard_error
+from qocjax.statistics.collisions import collision_share
+from qocjax.statistics.estimates import Estimate, standard_error
 from qocjax.statistics.scores import Scores
 
 __all__ = ["Plane", "delay_reliability_plane", "largest_delay", "smallest_reliability"]
@@ -31,6 +32,7 @@ class Plane:
     scores: np.ndarray  # [F, D, S] QoC by seed; seeds are common to all cells
     merits: np.ndarray  # [F, D, S] of the target that is asked for, the larger the better
     collided: np.ndarray  # [F, D, S] which runs collided
+    robots: int
 
     @property
     def qoc(self) -> np.ndarray:
@@ -40,7 +42,7 @@ class Plane:
     @cached_property
     def close(self) -> list[Estimate]:
         """The share of runs with a collision of each cell, the delay running fastest."""
-        return [share(hits) for hits in self.collided.reshape(-1, self.collided.shape[-1])]
+        return [collision_share(hits, self.robots) for hits in self.collided.reshape(-1, self.collided.shape[-1])]
 
     def excess(self, limit: float) -> np.ndarray:
         """By how much the share of runs with a collision passes a limit, by its upper end, [F, D]."""
@@ -84,7 +86,8 @@ def delay_reliability_plane(
     scores = [Scores.of(runs["auc"].values, objective.scale) for runs in rows]
     merits = [(target or Target()).merits(runs, score) for runs, score in zip(rows, scores, strict=True)]
     collided = np.stack([runs["collided"].values.astype(bool) for runs in rows])
-    return Plane(delay, reliability, np.stack([score.values for score in scores]), np.stack(merits), collided)
+    return Plane(delay, reliability, np.stack([score.values for score in scores]), np.stack(merits), collided,
+                 objective.scenario.num_robots)  # fmt: skip
 
 
 def _row(objective: Objective, design: Design, delay: np.ndarray, part: float, seeds: Sequence[int]) -> xr.Dataset:

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from qocjax import _checks
+from qocjax.advice.little import Little
 from qocjax.advice.shortlist import along_deadlines, row
 from qocjax.advice.stress import on_network, worse
 from qocjax.advice.trace_parts import worst_stretch
 from qocjax.scenario import Design
 from qocjax.search import stacked, take
 from qocjax.search.objective import Objective
-from qocjax.statistics.estimates import share
+from qocjax.statistics.collisions import collision_share
 from qocjax.statistics.scores import Scores
 from qocjax.statistics.units import judged_apart
 
@@ -31,6 +32,7 @@ __all__ = ["OBJECTIVES", "Chosen", "choose"]
 
 OBJECTIVES = ("robust", "mean")
 _CLOSE = 0.01  # of the best QoC: what a recommendation may cost on the network as it is
+_PART = 0.2  # of the AUC that does not matter: what it may cost where that is more
 _LONGER = (1.0, 1.1, 1.25, 1.5, 2.0)  # times the deadline of a finalist
 _GAINS = 6  # finalists of which longer deadlines are tried
 
@@ -55,6 +57,7 @@ def choose(
     longest: float,
     seeds: Sequence[int],
     how: str = "robust",
+    little: Little | None = None,
 ) -> Chosen:
     """Chooses among finalists, and their gains at longer deadlines.
 
@@ -67,6 +70,7 @@ def choose(
         longest: Longest deadline (s).
         seeds: [S] on which is chosen, others than those of the search.
         how: Of `OBJECTIVES`.
+        little: AUC that does not matter; a fifth of it may go for standing up to changes, as 1 % of QoC may.
 
     Raises:
         ValueError: An unknown objective.
@@ -82,7 +86,7 @@ def choose(
     # Where none is shown to be safe, those that seem to be; the verdict says so.
     safe = next(each for each in (upper <= limit, close <= limit, upper <= upper.min()) if each.any())
     top = int(np.where(safe, scores.values.mean(axis=1), -np.inf).argmax())
-    near = np.flatnonzero([safe[k] and _close(scores[k], scores[top]) for k in range(upper.size)])
+    near = np.flatnonzero([safe[k] and _close(scores[k], scores[top], little) for k in range(upper.size)])
     others, best = take(pool, near), row(pool, top)
     if how == "robust":
         worst = bench.worst(others, scores[near])
@@ -103,8 +107,8 @@ class _Bench:
 
     def upper(self, runs: xr.Dataset) -> np.ndarray:
         """The upper end of the share of runs with a collision of each design."""
-        units = self.objective.judged(runs).units
-        return np.array([share(hits, units, like=self.usual).high for hits in runs["collided"].values])
+        units, robots = self.objective.judged(runs).units, self.objective.scenario.num_robots
+        return np.array([collision_share(hits, robots, units, self.usual).high for hits in runs["collided"].values])
 
     def worst(self, designs: Design, scores: Scores) -> np.ndarray:
         """The smallest mean QoC of each design over the changes; `scores` [G, S] are those without any.
@@ -129,10 +133,11 @@ class _Start:
     worst: float  # mean QoC over the changes
 
 
-def _close(scores: Scores, best: Scores) -> bool:
-    """Whether a mean lies within a hundredth of the best, or cannot be told from it."""
-    gap = (scores - best).mean().given
-    return gap.mean >= -_CLOSE * float(best.values.mean()) or gap.high >= 0.0
+def _close(scores: Scores, best: Scores, little: Little | None) -> bool:
+    """Whether a mean lies within a hundredth of the best or loses what hardly matters, or cannot be told from it."""
+    gap, most = (scores - best).mean().given, float(best.values.mean())
+    cost = _CLOSE if little is None else max(_CLOSE, 1.0 - little.share(most, _PART))
+    return gap.mean >= -cost * most or gap.high >= 0.0
 
 
 def _with_longer(finalists: Design, longest: float) -> Design:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from qocjax import _checks
 from qocjax.advice.plane import delay_reliability_plane, largest_delay, smallest_reliability
 from qocjax.advice.reaching import Bound
-from qocjax.advice.target import Target
+from qocjax.advice.target import Target, usual_target
 from qocjax.scenario import Design
 from qocjax.search.objective import Objective
 
@@ -29,7 +29,7 @@ class Asked:
     """Which margins are asked for, and how much is simulated for them.
 
     Attributes:
-        target: What the margins keep.
+        target: What the margins keep; None for the usual.
         reliability: At which the largest delay is asked for; None takes F at the design's deadline.
         delay: At which the smallest reliability is asked for (s); None takes the design's deadline.
         delays: Delays of the plane; 0 leaves plane and inverse questions out.
@@ -38,7 +38,7 @@ class Asked:
         points: Of the Sobol indices, a power of two; 0 leaves them out.
     """
 
-    target: Target = field(default_factory=Target)
+    target: Target | None = None
     reliability: float | None = None
     delay: float | None = None
     delays: int = 10
@@ -92,7 +92,10 @@ def find_slack(
     Raises:
         ValueError: A delay beyond the longest.
     """
-    deadline = float(np.asarray(design.deadline))
+    deadline, target = (
+        float(np.asarray(design.deadline)),
+        asked.target or usual_target(objective.scenario, objective.scale),
+    )
     here = float(objective.reliability(deadline, design.tau).share)
     delay = deadline if asked.delay is None else asked.delay
     _checks.bounded("margins.delay", delay, most=longest)
@@ -100,14 +103,14 @@ def find_slack(
     delays = np.geomspace(min(max(0.5 * min(delay, deadline), 1e-3), _SHORTEST), longest, asked.delays)
     shares = [min(_SHARES[0], share, here), *_SHARES[1:]]
     plane = delay_reliability_plane(
-        objective, design, _with(delays, delay, deadline), _with(shares, share, here), seeds, asked.target
+        objective, design, _with(delays, delay, deadline), _with(shares, share, here), seeds, target
     )
     own = plane.merits[_nearest(plane.reliability, here), _nearest(plane.delay, deadline)]
     # A share of what the plane gives is estimated too: what its seeds owe to chance goes off all cells.
-    told = replace(plane, merits=asked.target.beyond(plane.merits, own))
+    told = replace(plane, merits=target.beyond(plane.merits, own))
     reached = (told.merits.mean(axis=-1) >= 0.0) & (plane.excess(limit) <= 0.0)
     return Slack(
-        delay, share, asked.target, asked.target.level(float(own.mean())), bool(reached.any()),
+        delay, share, target, target.level(float(own.mean())), bool(reached.any()),
         largest_delay(told, 0.0, share, limit), smallest_reliability(told, 0.0, delay, limit), plane.to_table(),
     )  # fmt: skip
 

@@ -19,8 +19,8 @@ from qocjax.network.stressed import Stressed, with_lost_twice, with_slow_compute
 from qocjax.scenario import Design
 from qocjax.search import stacked
 from qocjax.search.objective import Objective
+from qocjax.statistics.collisions import collision_share
 from qocjax.statistics.estimates import estimate
-from qocjax.statistics.estimates import share as share_of
 from qocjax.statistics.scores import Scored, Scores
 from qocjax.study.reliability import load_of, reliability_of
 
@@ -38,7 +38,7 @@ def of_runs(runs: xr.Dataset, k: int, scores: Scores) -> dict[str, float]:
     auc = runs["auc"].values[k].astype(float)
     costs = np.where(np.isfinite(auc), auc, np.nanmax(runs["auc"].values)).mean(axis=-1)
     cost = estimate(costs, units=units)
-    collided = share_of(runs["collided"].values[k], units, like=usual)
+    collided = collision_share(runs["collided"].values[k], runs.sizes["robot"], units, usual)
     last = runs["arrival_time"].values[k].max(axis=-1)
     return {
         "auc": cost.mean, "auc_low": cost.low, "auc_high": cost.high,

@@ -17,7 +17,7 @@ from qocjax.advice.target import Target, collision_excess
 from qocjax.scenario import Design
 from qocjax.search import stacked
 from qocjax.search.objective import Objective
-from qocjax.statistics.estimates import share
+from qocjax.statistics.collisions import collision_share
 
 __all__ = ["curves_of", "judged_of"]
 
@@ -67,7 +67,7 @@ def curves_of(
     axis = np.union1d(axis, [float(np.asarray(best.deadline))])
     designs = stacked([along_deadlines(best, axis), along_deadlines(current, axis)])
     runs = objective.runs(designs, seeds)
-    scores, collided = objective.judged(runs), runs["collided"].values
+    scores, collided, robots = objective.judged(runs), runs["collided"].values, objective.scenario.num_robots
     merits = target.merits(runs, scores)
     rows = {"recommended": slice(0, axis.size), "current": slice(axis.size, None)}
     known = objective.reliability(axis, best.tau)
@@ -80,7 +80,7 @@ def curves_of(
         # What is usual where it works: elsewhere stretches of a trace differ more.
         qoc = scores.values[which]
         usual = qoc[qoc.mean(axis=1) >= _NEAR * qoc.mean(axis=1).max()].mean(axis=0)
-        close = [share(hits, scores.units, like=usual) for hits in collided[which]]
+        close = [collision_share(hits, robots, scores.units, usual) for hits in collided[which]]
         table |= {f"collision_{name}": [e.mean for e in close], f"collision_{name}_low": [e.low for e in close],
                   f"collision_{name}_high": [e.high for e in close]}  # fmt: skip
         safety = "kept" if min(each.high for each in close) <= limit else "not shown"

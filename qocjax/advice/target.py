@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from qocjax import _checks
+from qocjax.advice.little import Little, little_of
+from qocjax.quality import QocScale
 from qocjax.scenario import Scenario
 from qocjax.statistics.estimates import Estimate
 from qocjax.statistics.scores import Scores
@@ -16,7 +18,7 @@ from qocjax.statistics.scores import Scores
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["KINDS", "Target", "collision_excess"]
+__all__ = ["KINDS", "Target", "collision_excess", "usual_target"]
 
 KINDS = ("share_of_best", "auc_s", "time_to_goal_s", "closest_m")
 _RUNS = 0.95  # of the runs keep a time or a distance
@@ -31,10 +33,12 @@ class Target:
             the largest mean AUC (s); `time_to_goal_s` the latest time (s) at which all robots are there, and
             `closest_m` the smallest distance (m) of two robots, each in 95 % of the runs.
         value: The number.
+        little: AUC beyond that of the best which does not matter; then also less than the share of the best is enough.
     """
 
     kind: str = "share_of_best"
     value: float = 0.95
+    little: Little | None = None
 
     def __post_init__(self) -> None:
         _checks.choice("margins.target", self.kind, KINDS)
@@ -68,18 +72,27 @@ class Target:
     def level(self, best: float) -> float:
         """What mean merits must reach, where the best is so good."""
         if self.kind == "share_of_best":
-            return self.value * best
+            return self.share(best) * best
         return -self.value if self.kind == "auc_s" else _RUNS
+
+    def share(self, best: float) -> float:
+        """Share of a best QoC that is asked for: the value, or what is left of it where it is little that is lost."""
+        return self.value if self.little is None else min(self.value, self.little.share(best))
 
     def beyond(self, merits: np.ndarray, own: np.ndarray) -> np.ndarray:
         """By how much merits [..., S] pass what they must reach, where `own` [S] are the best; seed by seed."""
-        return merits - (self.level(0.0) if self.absolute else self.value * own)
+        return merits - (self.level(0.0) if self.absolute else self.share(float(own.mean())) * own)
 
     @property
     def text(self) -> str:
         """As a clause: what is to be so."""
+        return self.than("its best")
+
+    def than(self, best: str) -> str:
+        """As a clause: what is to be so, where the best is what it says."""
+        more = "" if self.little is None else f" or AUC at most {self.little.auc:.2g} s more"
         return {
-            "share_of_best": f"QoC is at least {self.value:.4g} of its best",
+            "share_of_best": f"QoC is at least {self.value:.4g} of {best}{more}",
             "auc_s": f"AUC is at most {self.value:g} s in the mean",
             "time_to_goal_s": f"all robots are there within {self.value:g} s in {_RUNS:.0%} of the runs",
             "closest_m": f"robots stay {self.value:g} m apart in {_RUNS:.0%} of the runs",
@@ -89,8 +102,9 @@ class Target:
     def lost(self) -> str:
         """As a clause: what happens where it is no longer so."""
         rest = f"in more than {1.0 - _RUNS:.0%} of the runs"
+        more = "" if self.little is None else f" and AUC grows by {self.little.auc:.2g} s"
         return {
-            "share_of_best": f"QoC falls by {1.0 - self.value:.0%}",
+            "share_of_best": f"QoC falls by {1.0 - self.value:.0%}{more}",
             "auc_s": f"AUC passes {self.value:g} s in the mean",
             "time_to_goal_s": f"robots are not there within {self.value:g} s {rest}",
             "closest_m": f"robots come closer than {self.value:g} m {rest}",
@@ -104,6 +118,12 @@ class Target:
             return f"a QoC of {merit.mean:.4f} [{merit.low:.4f}, {merit.high:.4f}]"
         low, high = max(merit.low, 0.0), min(merit.high, 1.0)
         return f"{merit.mean:.1%} [{low:.1%}, {high:.1%}] of the runs"
+
+
+def usual_target(scenario: Scenario, scale: QocScale) -> Target:
+    """The target where none is asked for; it knows what is little only where that can count."""
+    plain, little = Target(), little_of(scenario, scale)
+    return replace(plain, little=little) if little.share(1.0) < plain.value else plain
 
 
 def collision_excess(shares: Sequence[Estimate], limit: float) -> np.ndarray:

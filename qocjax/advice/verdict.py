@@ -14,8 +14,8 @@ __all__ = ["ANSWERS", "VERDICTS", "answer_of", "policy_of", "verdict_of"]
 VERDICTS = ("recommended", "not shown", "unsafe")
 """Of a design: it keeps the limit on collisions; fresh seeds do not show that it does; they show that it does not."""
 
-ANSWERS = ("yes", "no: target", "no: collisions", "not shown")
-"""Whether what one has may stay."""
+ANSWERS = ("yes", "yes: hardly matters", "no: target", "no: collisions", "not shown")
+"""Whether what one has may stay; hardly matters: only because what it loses is little (`little_of`)."""
 
 
 def verdict_of(safe: bool, row: pd.Series, limit: float) -> str:
@@ -31,7 +31,11 @@ def answer_of(row: pd.Series, margin: Margin, limit: float) -> str:
         return "no: collisions"
     if not margin.holds(float(row["deadline"])):
         return "no: target"
-    return "yes" if row["collision_high"] <= limit else "not shown"
+    if row["collision_high"] > limit:
+        return "not shown"
+    target = margin.target
+    eased = target.little is not None and row["qoc"] < target.value * margin.merit.mean
+    return "yes: hardly matters" if eased else "yes"
 
 
 def policy_of(deadline: float, margin: Margin) -> str:

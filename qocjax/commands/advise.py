@@ -133,9 +133,12 @@ def _robot_values(config: AdviseConfig, seen: RobotSeen | None) -> dict:
 def target_values(advice: Advice) -> dict:
     """What was asked to be kept, and how near to it recommended and current gains come at their best deadlines."""
     margins = {"recommended": advice.margin, "current": advice.current_margin}
-    return {"kind": advice.target.kind, "value": advice.target.value, "text": advice.target.text} | {
-        name: {"reached": margin.reached, "best": margin.best_text} for name, margin in margins.items()
-    }
+    return {
+        "kind": advice.target.kind,
+        "value": advice.target.value,
+        "text": advice.target.text,
+        "little": advice.target.little,
+    } | {name: {"reached": margin.reached, "best": margin.best_text} for name, margin in margins.items()}
 
 
 def _draw(advice: Advice, folder: Path) -> None:

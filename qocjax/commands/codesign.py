@@ -26,6 +26,7 @@ from qocjax.search import FIRST, METHODS, Contest, Problem, compete
 from qocjax.search.limits import DEMANDS
 from qocjax.search.objective import Objective, pilot_scale
 from qocjax.search.pareto import demand_front, worker_front
+from qocjax.statistics.collisions import is_alone
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import trace_remark
 from qocjax.store import write_json, write_table
@@ -180,8 +181,11 @@ def summary(found: Codesign, measure: str = "mean", limit: float | None = None) 
     )  # fmt: skip
     rows = pd.concat([contest.finals, policies], ignore_index=True)
     table[f"{name} [95 %]"] = [f"{r.score:.4f} [{r.score_low:.4f}, {r.score_high:.4f}]" for r in rows.itertuples()]
-    table["collisions [95 %]"] = [f"{r.collision_share:.1%} [{r.collision_low:.1%}, {r.collision_high:.1%}]"
-                                  for r in rows.itertuples()]  # fmt: skip
+    table["collisions [95 %]"] = [
+        "one robot" if is_alone(row.collision_high)
+        else f"{row.collision_share:.1%} [{row.collision_low:.1%}, {row.collision_high:.1%}]"
+        for row in rows.itertuples()
+    ]  # fmt: skip
     for parameter in found.names:
         table[short_name(parameter)] = rows[parameter].map("{:.3g}".format)
     table["Δ (ms)"] = (rows["deadline"] * 1e3).map("{:.4g}".format)

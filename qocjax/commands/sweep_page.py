@@ -9,6 +9,7 @@ import pandas as pd
 
 from qocjax.config.study import StudyConfig
 from qocjax.network import Network
+from qocjax.statistics.collisions import is_alone
 from qocjax.statistics.scales import scale_text
 from qocjax.statistics.units import study_remark
 from qocjax.study import Study
@@ -76,7 +77,9 @@ def policy_text(policies: pd.DataFrame) -> str:
 
 
 def collisions_text(row: Any) -> str:
-    """Share of runs with a collision; `!` where its upper limit breaks what is allowed."""
+    """Share of runs with a collision; `!` where its upper limit breaks what is allowed; of one robot no number."""
+    if is_alone(row.collision_high):
+        return "one robot "
     low, high = (f"{100 * end:.{1 if end < 0.1 else 0}f}" for end in (row.collision_low, row.collision_high))
     text = f"{row.collision_share:.1%} [{low}, {high}]"
     return text + (" " if row.within_limit else "!")

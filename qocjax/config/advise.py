@@ -30,8 +30,8 @@ class TargetConfig(Part):
     time_to_goal_s: float | None
     closest_m: float | None
 
-    def build(self) -> Target:
-        """The target.
+    def build(self) -> Target | None:
+        """The target; None where the usual one is asked for.
 
         Raises:
             ValueError: More than one, or a bad number.
@@ -39,7 +39,7 @@ class TargetConfig(Part):
         given = {name: value for name, value in self.model_dump().items() if value is not None}
         if len(given) > 1:
             raise ValueError(f"advise.margins.target: got {' and '.join(given)}, expected one of {', '.join(KINDS)}")
-        return Target(*next(iter(given.items()))) if given else Target()
+        return Target(*next(iter(given.items()))) if given else None
 
 
 class MarginsConfig(Part):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qocjax.network.estimate import usage
-from qocjax.statistics.estimates import share as share_of
+from qocjax.statistics.collisions import collision_share
 from qocjax.statistics.scores import Scores, seed_scores
 from qocjax.statistics.units import units_in
 from qocjax.study.chosen import design_at, place_of
@@ -50,7 +50,7 @@ def point_of(study: Study, problem: Problem) -> Point:
     collided = study.evaluation["collided"].values[k].astype(bool)
     load = load_of(problem.scenario, float(np.asarray(design.tau)))
     share, error = reliability_of(problem.network, problem.scenario, deadline, design.tau)
-    hits = share_of(collided, units, like=judged.values)
+    hits = collision_share(collided, robots, units, judged.values)
     row: dict[str, Any] = {
         "robots": robots, "tau": float(np.asarray(design.tau)), "deadline": deadline,
         **judged.mean().columns("qoc"),

@@ -7,6 +7,7 @@ import pandas as pd
 from qocjax.figures.style import POLICIES
 from qocjax.report.html import escape, interval, number, percent, plus_minus, signed
 from qocjax.report.labels import choice_words, name_of, symbol, value_cell
+from qocjax.statistics.collisions import is_alone
 from qocjax.study.choosing import moved_by_limit
 from qocjax.study.edges import edges_text
 from qocjax.study.reliability import share_text
@@ -129,10 +130,12 @@ def _row(row: dict, first: bool, low: float, high: float) -> str:
     gap = "" if policy == "Co-design" or pd.isna(row["qoc"]) else (
         f"{signed(row['difference'])} {interval(row['difference_low'], row['difference_high'])}"
     )  # fmt: skip
-    close = f"{percent(row['collision_share'])}"
+    alone = is_alone(row["collision_high"])
+    close = "one robot" if alone else percent(row["collision_share"])
     close = close if row["within_limit"] else f'<strong class="warn">{close}</strong>'
-    close += (f'<br><small>{percent(row["collision_low"])} to {percent(row["collision_high"])}<br>closest '
-              f"{number(row['min_distance'], '.2f')} m</small>")  # fmt: skip
+    if not alone:
+        close += (f'<br><small>{percent(row["collision_low"])} to {percent(row["collision_high"])}<br>closest '
+                  f"{number(row['min_distance'], '.2f')} m</small>")  # fmt: skip
     if pd.isna(row["qoc"]):
         gap = f'<span class="warn">{escape(row.get("error") or "no design")}</span>'
     edges = {end.split()[-1]: f'<abbr title="{escape(end)} of those tried">*</abbr>'

@@ -10,7 +10,8 @@ import pandas as pd
 
 from qocjax.scenario import Design
 from qocjax.search.trial import Problem
-from qocjax.statistics.estimates import Estimate, share
+from qocjax.statistics.collisions import collision_share
+from qocjax.statistics.estimates import Estimate
 from qocjax.statistics.scores import Scores
 
 __all__ = ["Judged", "better_than", "judge", "stacked", "tie_set"]
@@ -51,7 +52,9 @@ def judge(problem: Problem, designs: Design, seeds: range, reference: Scores | N
     found = [measure.interval(scores[k]).columns("score") for k in range(count)]
     table = pd.concat([table, pd.DataFrame(found)], axis=1)
     table["qoc"] = scores.values.mean(axis=1)
-    shares = [share(row, scores.units, like=like) for row, like in zip(collided, scores.values, strict=True)]
+    robots = problem.objective.scenario.num_robots
+    shares = [collision_share(row, robots, scores.units, like)
+              for row, like in zip(collided, scores.values, strict=True)]  # fmt: skip
     table["collision_share"] = collided.mean(axis=1)
     table["collision_low"], table["collision_high"] = [s.low for s in shares], [s.high for s in shares]
     table["reliability"], table["reliability_se"] = problem.objective.reliability(table["deadline"], table["tau"])

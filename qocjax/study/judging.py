@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from qocjax.quality import QocScale
-from qocjax.statistics.estimates import estimate, share
+from qocjax.statistics.collisions import collision_share
+from qocjax.statistics.estimates import estimate
 from qocjax.statistics.scores import Scores
 from qocjax.study.axes import axes_of, is_joint
 from qocjax.study.choosing import Pick
@@ -104,7 +105,8 @@ class _Shown:
             return _qoc(self.scores[0], np.nan) | nothing
         costs = self.runs["auc"].values[place].astype(np.float64).mean(axis=-1)
         cost = estimate(costs, units=units)
-        hits = share(self.runs["collided"].values[place], units, like=self.scores.values[place])
+        hits = collision_share(self.runs["collided"].values[place], self.runs.sizes["robot"], units,
+                               self.scores.values[place])  # fmt: skip
         return _qoc(self.scores[place], 1.0) | {
             "auc": cost.mean, "auc_se": cost.se, "auc_low": cost.low, "auc_high": cost.high,
             "collision_share": hits.mean, "collision_low": hits.low, "collision_high": hits.high,

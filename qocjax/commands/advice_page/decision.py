@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from qocjax.advice.advice import Advice
-from qocjax.commands.advice_page.words import GAINS, bound_text, collisions_text, ms, percent, with_ends
+from qocjax.commands.advice_page.tables import arrival_text
+from qocjax.commands.advice_page.words import (
+    GAINS,
+    bound_text,
+    collisions_text,
+    ms,
+    percent,
+    safety_of,
+    with_collisions,
+    with_ends,
+)
+from qocjax.statistics.collisions import ALONE, is_alone
 from qocjax.study.edges import bounds_text
 from qocjax.units import printed_unit
 
@@ -20,7 +34,7 @@ _OUTAGES = "OUTAGES    Without multicast (5G) Cyclone DDS may come back 30 s lat
 
 def decision_lines(advice: Advice) -> list[str]:
     """What to set, and all that one has to know to do so."""
-    lines = [*_head(advice)]
+    lines = [*_hardly(advice), *_head(advice)]
     if advice.kept:
         lines.append("  * stays as you have it: changing it gains nothing that can be told")
     lines += [f"  {line}" for line in (*_gain(advice), *_stands(advice), _cost(advice), *_judged_on(advice))]
@@ -31,6 +45,24 @@ def decision_lines(advice: Advice) -> list[str]:
     if text := bounds_text(advice.at_edge):
         lines.append(f"  {text}")
     return lines
+
+
+def _hardly(advice: Advice) -> list[str]:
+    """That the delay hardly matters, where present and recommended deadline differ by what is little; or nothing."""
+    little, margin, pair = advice.target.little, advice.current_margin, advice.judged.iloc[:2].to_dict("records")
+    if little is None or not advice.acceptable.startswith("yes") or not margin.holds(float(pair[1]["deadline"])):
+        return []
+    now, then = pair
+    apart = little.further(abs(now["auc"] - then["auc"]))
+    return [
+        f"THE DELAY HARDLY MATTERS HERE, for deadlines from {bound_text(margin.low)} to {bound_text(margin.high)} ms.",
+        f"  At {ms(now['deadline'])} and {ms(then['deadline'])} ms, with the same gains, AUC is {now['auc']:.3g} and "
+        f"{then['auc']:.3g} s, and all robots are there after {arrival_text(now)} and {arrival_text(then)} s.",
+        f"  They are {apart:.2g} m further off their way (root mean square); up to {little.distance:.3g} m, a radius, "
+        "are taken for little.",
+        f"  QoC is relative to J_med, here {advice.scale.median:.2g} s, and makes much of it.",
+        "",
+    ]
 
 
 def _head(advice: Advice) -> list[str]:
@@ -58,8 +90,7 @@ def _gain(advice: Advice) -> list[str]:
     lines = [
         f"It gains   QoC {with_ends(row, 'gain', '+.4f')} over yours, {row['qoc']:.4f} after {now['qoc']:.4f}; AUC "
         f"{with_ends(row, 'auc', '.3g')} s, {percent(row['auc'], now['auc'])}.",
-        f"Safety     Collisions in {collisions_text(row)} of the runs, {advice.max_collision_share:.1%} allowed; never "
-        f"closer than {row['min_distance']:.2f} m.",
+        f"Safety     {_safety(row, advice.max_collision_share)}.",
     ]
     here, own = advice.margin, advice.current_margin
     if advice.target.absolute and not (here.reached or own.reached):
@@ -68,13 +99,22 @@ def _gain(advice: Advice) -> list[str]:
     return lines
 
 
+def _safety(row: Mapping[str, Any], limit: float) -> str:
+    """Collisions of a design, and how close robots come."""
+    if is_alone(row["collision_high"]):
+        return f"{ALONE[0].upper()}{ALONE[1:]}; walls of a map do not count"
+    return (f"Collisions in {collisions_text(row)} of the runs, {limit:.1%} allowed; never closer than "
+            f"{row['min_distance']:.2f} m")  # fmt: skip
+
+
 def _stands(advice: Advice) -> list[str]:
     """Which of the changes it stands up to: the target and the limit on collisions are kept; and the worst of them."""
     rows = advice.stress[advice.stress["current_qoc"].notna()].iloc[1:]
     lines = []
     for answer, begin in (("yes", "Stands up  to"), ("not shown", "Not shown  for"), ("no", "NOT        to")):
-        texts = [row["what"] + ("" if answer == "yes" else f" (QoC {row['qoc']:.4f}, collisions "
-                 f"{collisions_text(row)})") for row in rows[rows["stands"] == answer].to_dict("records")]  # fmt: skip
+        found = rows[rows["stands"] == answer].to_dict("records")
+        texts = [row["what"] + ("" if answer == "yes" else f" (QoC {row['qoc']:.4f}"
+                 f"{with_collisions(row, 'collisions')})") for row in found]  # fmt: skip
         lines += [f"{begin} {'; '.join(texts)}."] if texts else []
     worst = rows.loc[rows["qoc"].idxmin()]
     return [*lines, f"Worst      {worst['what']}: QoC {with_ends(worst, 'qoc', '.4f')}, yours "
@@ -114,8 +154,8 @@ def _assumptions(advice: Advice) -> list[str]:
     for k, row in enumerate(advice.assumptions.to_dict("records")):
         begin = "HANGS ON  " if k == 0 else "  and less on"
         lines += [f"{begin} {row['what']}: {row['assumed']}.",
-                  f"           If instead {row['instead']}: QoC {with_ends(row, 'qoc', '.4f')}, collisions in "
-                  f"{collisions_text(row)}."]  # fmt: skip
+                  f"           If instead {row['instead']}: QoC {with_ends(row, 'qoc', '.4f')}"
+                  f"{with_collisions(row, 'collisions in')}."]  # fmt: skip
         if row["what"] == "when commands take effect":
             lines[-1] = (f"{lines[-1][:-1]}; the best deadline is then {ms(advice.actuation.best_deadline)} ms "
                          f"({gain.mean:+.4f} [{gain.low:+.4f}, {gain.high:+.4f}]).")  # fmt: skip
@@ -125,9 +165,11 @@ def _assumptions(advice: Advice) -> list[str]:
 def present_lines(advice: Advice) -> list[str]:
     """Whether the present deadline is acceptable, with the present gains."""
     margin, now, rest = advice.current_margin, advice.judged.iloc[0], advice.judged.iloc[1]
-    close, target = f"{collisions_text(now)} of its runs collide", advice.target.text
-    so = {"kept": "this, and collisions in the limit,", "not shown": "this, and collisions not shown to break it,",
-          "broken": "this, but not collisions in the limit,"}[margin.safety]  # fmt: skip
+    close = ALONE if is_alone(now["collision_high"]) else f"{collisions_text(now)} of its runs collide"
+    target = advice.target.text
+    so = {"alone": "this", "kept": "this, and collisions in the limit,",
+          "not shown": "this, and collisions not shown to break it,",
+          "broken": "this, but not collisions in the limit,"}[safety_of(advice, margin)]  # fmt: skip
     where = (
         f"{so} from {bound_text(margin.low)} to {bound_text(margin.high)} ms"
         if margin.reached
@@ -135,6 +177,7 @@ def present_lines(advice: Advice) -> list[str]:
     )
     answers = {
         "yes": f"YES: {close}, and {target}.",
+        "yes: hardly matters": f"YES: {close}; QoC is lower than it could be, but by an AUC that hardly matters.",
         "no: collisions": f"NO: {close}, {advice.max_collision_share:.1%} are allowed.",
         "no: target": f"NO: asked is that {target}; with your gains {where}.",
         "not shown": f"NOT SHOWN: {close}; the upper end breaks {advice.max_collision_share:.1%}.",

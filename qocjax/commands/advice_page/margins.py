@@ -6,7 +6,7 @@ import numpy as np
 
 from qocjax.advice.advice import Advice
 from qocjax.advice.stress import GROWTHS
-from qocjax.commands.advice_page.words import bound_text, ms
+from qocjax.commands.advice_page.words import bound_text, ms, safety_of, unless_alone
 
 __all__ = ["cliff_lines", "margin_lines", "sensitivity_lines", "slack_lines"]
 
@@ -22,12 +22,13 @@ def margin_lines(advice: Advice) -> list[str]:
                 f"{margin.best_text}."]  # fmt: skip
     limit = f"{advice.max_collision_share:.1%}"
     safe = {
-        "kept": f"and collisions keep {limit} by the upper end of their interval,",
-        "not shown": f"and collisions are not shown to break {limit},",
-        "broken": "but collisions break their limit,",
-    }[margin.safety]
+        "alone": "",
+        "kept": f", and collisions keep {limit} by the upper end of their interval,",
+        "not shown": f", and collisions are not shown to break {limit},",
+        "broken": ", but collisions break their limit,",
+    }[safety_of(advice, margin)]
     return [
-        f"MARGIN  With the recommended gains {target.text}, {safe}",
+        f"MARGIN  With the recommended gains {target.text}{safe}",
         f"  for deadlines from {bound_text(margin.low)} to {bound_text(margin.high)} ms.",
     ]
 
@@ -38,13 +39,13 @@ def slack_lines(advice: Advice) -> list[str]:
     if slack is None:
         return []
     alone = "  Were delay constant and losses independent, "
+    safe = unless_alone(advice, ", and collisions keep their limit")
     if not slack.reached:
-        return [f"{alone}it would at no delay and F of the plane be so that {slack.target.text}, and collisions keep "
-                "their limit."]  # fmt: skip
+        return [f"{alone}it would at no delay and F of the plane be so that {slack.target.text}{safe}."]
     text = slack.target.text if slack.target.absolute else f"QoC is above {slack.level:.4f}"
     longest, least = f"at F = {slack.reliability:.3g}", f"at a delay of {ms(slack.delay)} ms"
     return [
-        f"{alone}it would be so that {text}, and collisions keep their limit,",
+        f"{alone}it would be so that {text}{safe},",
         ("  at no delay that was looked at" if slack.largest_delay.value is None else
          f"  up to a delay of {bound_text(slack.largest_delay)} ms") + f" {longest}, and "
         + ("at no F that was looked at" if slack.smallest_reliability.value is None else

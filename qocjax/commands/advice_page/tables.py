@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
 from qocjax.advice.advice import Advice
 from qocjax.advice.trace_parts import WORST_PART
-from qocjax.commands.advice_page.words import GAINS, collisions_text, ms, with_ends
+from qocjax.commands.advice_page.words import GAINS, collisions_text, ms, unless_alone, with_ends
 
-__all__ = ["judged_table", "stress_lines", "tie_line"]
+__all__ = ["arrival_text", "judged_table", "stress_lines", "tie_line"]
 
 
 def judged_table(advice: Advice) -> str:
     """The designs that were compared on fresh seeds."""
     rows = advice.judged
     columns = _columns(rows, "gain", "gain over yours [95 %]")
-    columns["there after (s)"] = [_arrival(row) for row in rows.to_dict("records")]
+    columns["there after (s)"] = [arrival_text(row) for row in rows.to_dict("records")]
     return _text(columns)
 
 
@@ -26,17 +29,13 @@ def stress_lines(advice: Advice) -> list[str]:
     columns = _columns(rows, "change", "change [95 %]")
     columns["QoC of yours"] = ["" if np.isnan(each) else f"{each:.4f}" for each in rows["current_qoc"]]
     columns["stands up"] = rows["stands"].replace("no", "NO")
-    asked = advice.target.text if advice.target.absolute else _share(advice)
-    lines = [_text(columns), f"  It stands up where {asked}, and collisions keep {advice.max_collision_share:.1%} by "
-             "the upper end of their interval."]  # fmt: skip
+    asked = advice.target.than("that as it is")
+    limit = f", and collisions keep {advice.max_collision_share:.1%} by the upper end of their interval"
+    lines = [_text(columns), f"  It stands up where {asked}{unless_alone(advice, limit)}."]
     if WORST_PART in set(rows["what"]):
         lines.append(f"  The {WORST_PART}, of those that judge: found on the fresh seeds, its numbers are of further "
                      "ones; their intervals say how replays of that part differ.")  # fmt: skip
     return lines
-
-
-def _share(advice: Advice) -> str:
-    return f"QoC is at least {advice.target.value:.4g} of that as it is"
 
 
 def tie_line(ties: pd.DataFrame) -> str:
@@ -61,7 +60,7 @@ def _columns(rows: pd.DataFrame, name: str, title: str) -> dict:
         title: [with_ends(row, name, "+.4f") if k else "" for k, row in enumerate(records)],
         "loops": rows["completed_share"].map("{:.1%}".format),
         "collisions [95 %]": [collisions_text(row) for row in records],
-        "closest (m)": rows["min_distance"].map("{:.2f}".format),
+        "closest (m)": ["-" if np.isinf(each) else f"{each:.2f}" for each in rows["min_distance"]],
     }
 
 
@@ -69,7 +68,7 @@ def _text(columns: dict) -> str:
     return "\n".join("  " + line for line in pd.DataFrame(columns).to_string(index=False).splitlines())
 
 
-def _arrival(row: dict) -> str:
+def arrival_text(row: Mapping[str, Any]) -> str:
     """Mean time until all robots are there; of how many runs, where not of all."""
     if not row["arrived_share"] > 0:
         return "never"

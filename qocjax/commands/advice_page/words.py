@@ -7,9 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from qocjax.advice.advice import Advice
+from qocjax.advice.margins import Margin
 from qocjax.advice.reaching import Bound
+from qocjax.statistics.collisions import is_alone
 
-__all__ = ["GAINS", "bound_text", "collisions_text", "ms", "percent", "with_ends"]
+__all__ = [
+    "GAINS",
+    "bound_text",
+    "collisions_text",
+    "ms",
+    "percent",
+    "safety_of",
+    "unless_alone",
+    "with_collisions",
+    "with_ends",
+]
 
 GAINS = ("kappa", "gamma", "eta", "c_miss", "v_max", "omega_max", "d_safe")
 
@@ -31,8 +44,25 @@ def with_ends(row: Mapping[str, Any], name: str, form: str) -> str:
 
 
 def collisions_text(row: Mapping[str, Any]) -> str:
-    """The share of runs with a collision with its interval."""
+    """The share of runs with a collision with its interval; of one robot no number."""
+    if is_alone(row["collision_high"]):
+        return "none"
     return f"{row['collision_share']:.1%} [{row['collision_low']:.1%}, {row['collision_high']:.1%}]"
+
+
+def with_collisions(row: Mapping[str, Any], what: str) -> str:
+    """What more to say of a row: its collisions, behind some words; nothing of one robot."""
+    return "" if is_alone(row["collision_high"]) else f", {what} {collisions_text(row)}"
+
+
+def unless_alone(advice: Advice, text: str) -> str:
+    """What is to be said of collisions; nothing of one robot."""
+    return "" if is_alone(advice.judged["collision_high"].iloc[-1]) else text
+
+
+def safety_of(advice: Advice, margin: Margin) -> str:
+    """Whether collisions keep their limit within a margin; alone, where one robot has nobody to collide with."""
+    return "alone" if is_alone(advice.judged["collision_high"].iloc[-1]) else margin.safety
 
 
 def bound_text(bound: Bound, scale: float = 1e3) -> str:
