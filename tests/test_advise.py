@@ -364,6 +364,6 @@ def test_the_sampling_period_is_chosen_where_others_are_allowed(composer: None) 
     options = [*SMALL, "advise.margins.points=0", "advise.margins.delays=0"]
     found = run(load(AdviseConfig, compose("advise", [*options, "loop.tau=2", "advise.tau_ms=[100]"])))
     assert float(found.recommended.tau) == 0.1 and float(found.current.tau) == 2.0
-    assert "at tau 100 ms, yours 2000 ms" in page(found) and "tau" not in found.kept
+    assert "at tau 100 ms instead of 2000 ms" in page(found) and "tau" not in found.kept
     with pytest.raises(ValueError, match="advise.tau_ms: got 0.0"):
         run(load(AdviseConfig, compose("advise", [*options, "advise.tau_ms=[0]"])))

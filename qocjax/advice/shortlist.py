@@ -12,7 +12,7 @@ from qocjax.scenario import Design
 from qocjax.search import stacked, take
 from qocjax.search.objective import Objective
 from qocjax.search.sensitivity import Box
-from qocjax.statistics.collisions import collision_share
+from qocjax.statistics.estimates import share as share_of
 from qocjax.study.sweep import qoc_by_seed
 
 __all__ = ["Effort", "along_deadlines", "row", "shortlist"]
@@ -81,8 +81,7 @@ def shortlist(
     within = share <= limit
     if not within.any():  # few seeds do not tell: those remain that are not shown to break it
         units = objective.units(search[: effort.rounds[-1]], pool.tau)
-        robots = objective.scenario.num_robots
-        within = np.array([collision_share(each, robots, units).low for each in hits]) <= limit
+        within = np.array([share_of(each, units).low for each in hits]) <= limit
     if not within.any():
         least = row(pool, int(order[0]))
         values = ", ".join(f"{name}={float(least.values()[name]):.3g}" for name in (*box.bounds, "deadline"))

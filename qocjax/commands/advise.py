@@ -18,6 +18,7 @@ from qocjax import _checks
 from qocjax.advice.advice import Advice, advise, plain
 from qocjax.advice.slack import Slack
 from qocjax.commands.advice_page import page
+from qocjax.commands.assumed import assumed_text, given_of
 from qocjax.commands.command_line import given_options, output_dir
 from qocjax.commands.resuming import going_on, resumed
 from qocjax.commands.robot_seen import RobotSeen, limits_values, robot_seen
@@ -180,6 +181,7 @@ def main(cfg: DictConfig) -> None:
     folder = output_dir()
     asked, seen = load(AdviseConfig, cfg), RobotSeen()
     config = resumed(asked, folder)
+    given, choices = given_of(config, asked, given_options()), HydraConfig.get().runtime.choices
     if (log := config.log()) is not None:
         recorded = log.read()
         print("\n".join(run_lines(recorded, None)), end="\n\n")
@@ -188,7 +190,7 @@ def main(cfg: DictConfig) -> None:
             for name, value in seen.options.items():
                 OmegaConf.update(cfg, f"robot.{name}", value)
             config = load(AdviseConfig, cfg)
-    if seen.text:
-        print(textwrap.fill(f"ROBOT  {seen.text}", 118, subsequent_indent="  "), end="\n\n", flush=True)
-    print(page(run(config, folder, seen)))
+    if text := assumed_text(seen.text, config, given, (choices["robot"], choices["scenario"])):
+        print(textwrap.fill(f"ROBOT  {text}", 118, subsequent_indent="  "), end="\n\n", flush=True)
+    print(page(run(config, folder, seen), given))
     print(f"advice.yaml, nav2_params.yaml and figures are in {folder}")

@@ -9,7 +9,7 @@ from qocjax.config.robot import RobotConfig
 from qocjax.recorded import RecordedRun
 from qocjax.recorded.limits import RobotLimits
 
-__all__ = ["RobotSeen", "limits_values", "robot_seen"]
+__all__ = ["RobotSeen", "limits_values", "robot_seen", "robot_text"]
 
 _MORE = 1.1  # times the caps that were asked for, from where on a bag contradicts them
 _UNITS = {
@@ -39,7 +39,7 @@ def robot_seen(run: RecordedRun, robot: RobotConfig, preset: str, chosen: bool) 
         return RobotSeen()
     seen = _of_loops(run)
     if seen is None:
-        return RobotSeen(f"{_values(_own(robot))} (robot={preset}): the bag shows several, {', '.join(run.limits)}.")
+        return RobotSeen(f"{robot_text(robot)} (robot={preset}): the bag shows several, {', '.join(run.limits)}.")
     radius = None if seen.footprint is None else seen.footprint.radius
     found = {"v_max": seen.v_max, "omega_max": seen.omega_max, "radius": radius}
     found |= {name: getattr(seen.accelerations, name, None) for name in ("ax_max", "ax_min", "az_max")}
@@ -49,7 +49,7 @@ def robot_seen(run: RecordedRun, robot: RobotConfig, preset: str, chosen: bool) 
         more = {name: value for name, value in told.items()
                 if name != "radius" and name in own and abs(value) > _MORE * abs(own[name])}  # fmt: skip
         beyond = f" The bag shows more: {_values(more)}." if more else ""
-        return RobotSeen(f"{_values(_own(robot))}, as given.{beyond}", {}, seen)
+        return RobotSeen(f"{robot_text(robot)}, as given.{beyond}", {}, seen)
     kept = {name: value for name, value in _own(robot).items() if name not in told}
     near = "robot=turtlebot3_burger"
     if seen.nearest is not None and seen.nearest.near:
@@ -66,6 +66,11 @@ def _of_loops(run: RecordedRun) -> RobotLimits | None:
     if len(names) == 1 and names[0] in run.limits:
         return run.limits[names[0]]
     return next(iter(run.limits.values())) if len(run.limits) == 1 else None
+
+
+def robot_text(robot: RobotConfig) -> str:
+    """Caps, size and limits on acceleration of a robot, those that there are, with units."""
+    return _values(_own(robot))
 
 
 def _own(robot: RobotConfig) -> dict[str, float]:

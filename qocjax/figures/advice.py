@@ -21,6 +21,7 @@ _CURVE = ("deadline", "reliability", *(f"{what}_{who}{end}" for what in ("qoc", 
                                        for who in ("recommended", "current") for end in _ENDS))  # fmt: skip
 _CLOSE = ("collision_share", "collision_low", "collision_high")
 _RECOMMENDED, _CURRENT, _MEAN = OKABE_ITO[0], OKABE_ITO[1], "#8FBFDD"
+_GAINS = {"recommended": "recommended", "current": "configured"}
 _FEW, _RAREST = 0.1, 1e-4  # missed loops: below which their share is drawn, and down to which
 
 
@@ -81,7 +82,7 @@ def _draw_curves(
         ("recommended", _RECOMMENDED, deadlines[0], "-"),
         ("current", _CURRENT, deadlines[1], "--"),
     ):
-        axes.plot(x, curve[f"qoc_{who}"], color=colour, ls=style, lw=1.3, label=f"{who} gains")
+        axes.plot(x, curve[f"qoc_{who}"], color=colour, ls=style, lw=1.3, label=f"{_GAINS[who]} gains")
         axes.fill_between(x, curve[f"qoc_{who}_low"], curve[f"qoc_{who}_high"], color=colour, alpha=0.25, lw=0)
         if at > 0:
             axes.axvline(1e3 * at, color=colour, ls=style, lw=0.8)
@@ -150,8 +151,8 @@ def _draw_bars(axes: Axes, judged: pd.DataFrame, stress: pd.DataFrame, limit: fl
         close = f", {share} collide" if row.collision_share > limit else ""
         axes.annotate(f"{row.qoc:.3f}{close}", (row.qoc_high, place), (3, 0), textcoords="offset points", va="center",
                       fontsize=7)  # fmt: skip
-    axes.set_yticks(range(len(rows)), labels=[what.replace("current gains, recommended", "yours at the recommended")
-                                              for what in rows["what"]], fontsize=7)  # fmt: skip
+    names = rows["what"].str.replace("current gains", "configured gains").replace("current", "as configured")
+    axes.set_yticks(range(len(rows)), labels=names, fontsize=7)
     axes.tick_params(axis="y", length=0)
     axes.axhline(len(judged) - 0.5, color=GREY, lw=0.6)
     axes.invert_yaxis()

@@ -17,6 +17,7 @@ from qocjax.commands.advice_page.words import (
     with_collisions,
     with_ends,
 )
+from qocjax.commands.assumed import Given
 from qocjax.statistics.collisions import ALONE, is_alone
 from qocjax.study.edges import bounds_text
 from qocjax.units import printed_unit
@@ -24,23 +25,24 @@ from qocjax.units import printed_unit
 __all__ = ["decision_lines", "present_lines"]
 
 _POLICIES = {
-    "Co-design": "yours lies within: Co-design",
-    "MinDelay": "yours is shorter: MinDelay, fresh commands but few of them",
-    "MaxRel": "yours is longer: MaxRel, waiting for the last loops",
+    "Co-design": "It lies within the margin: Co-design",
+    "MinDelay": "It is shorter: MinDelay, fresh commands but few of them",
+    "MaxRel": "It is longer: MaxRel, waiting for the last loops",
 }
 _LAWS = {"Apf": "the surrogate law", "Cbf": "the barrier", "NavigationStack": "the navigation stack"}
 _OUTAGES = "OUTAGES    Without multicast (5G) Cyclone DDS may come back 30 s late, or not at all: docs/middleware.md."
 
 
-def decision_lines(advice: Advice) -> list[str]:
+def decision_lines(advice: Advice, given: Given) -> list[str]:
     """What to set, and all that one has to know to do so."""
     lines = [*_hardly(advice), *_head(advice)]
     if advice.kept:
-        lines.append("  * stays as you have it: changing it gains nothing that can be told")
-    lines += [f"  {line}" for line in (*_gain(advice), *_stands(advice), _cost(advice), *_judged_on(advice))]
-    lines += [f"  {line}" for line in _assumptions(advice)]
+        stays = "you have it" if given.gains else "it is by default"
+        lines.append(f"  * stays as {stays}: changing it gains nothing that can be told")
+    said = (_gain(advice, given), _stands(advice, given), [_cost(advice)], _judged_on(advice), _assumptions(advice))
+    lines += [f"  {line}" for part in said for line in part]
     if advice.judged["gain_low"].iloc[-1] <= 0 and advice.acceptable != "no: collisions":
-        lines.append("  CAUTION: these seeds do not show that it is better than what you have.")
+        lines.append(f"  CAUTION: these seeds do not show that it is better than {given.own}.")
     lines.append(f"  {_OUTAGES}")
     if text := bounds_text(advice.at_edge):
         lines.append(f"  {text}")
@@ -73,7 +75,7 @@ def _head(advice: Advice) -> list[str]:
         + ("*" if name in advice.kept else "")
         for name in names
     )
-    kept = " (kept)" if ms(best.tau) == own else f", yours {own} ms"
+    kept = " (kept)" if ms(best.tau) == own else f" instead of {own} ms"
     head = f"deadline {ms(best.deadline)} ms at tau {ms(best.tau)} ms{kept}"
     if advice.verdict == "recommended":
         return [f"SET THIS: {head}", f"  {values}"]
@@ -84,18 +86,18 @@ def _head(advice: Advice) -> list[str]:
     return lines
 
 
-def _gain(advice: Advice) -> list[str]:
+def _gain(advice: Advice, given: Given) -> list[str]:
     """What it gains, and whether it is safe; where no design reaches the target, that."""
     now, row = advice.judged.iloc[0], advice.judged.iloc[-1]
     lines = [
-        f"It gains   QoC {with_ends(row, 'gain', '+.4f')} over yours, {row['qoc']:.4f} after {now['qoc']:.4f}; AUC "
-        f"{with_ends(row, 'auc', '.3g')} s, {percent(row['auc'], now['auc'])}.",
+        f"It gains   QoC {with_ends(row, 'gain', '+.4f')} over {given.own}, {row['qoc']:.4f} after {now['qoc']:.4f}; "
+        f"AUC {with_ends(row, 'auc', '.3g')} s, {percent(row['auc'], now['auc'])}.",
         f"Safety     {_safety(row, advice.max_collision_share)}.",
     ]
     here, own = advice.margin, advice.current_margin
     if advice.target.absolute and not (here.reached or own.reached):
-        lines.append(f"TARGET     CANNOT BE REACHED: {advice.target.text}. The best is {here.best_text}; with yours, "
-                     f"{own.best_text}.")  # fmt: skip
+        lines.append(f"TARGET     CANNOT BE REACHED: {advice.target.text}. The best is {here.best_text}; with "
+                     f"{given.own}, {own.best_text}.")  # fmt: skip
     return lines
 
 
@@ -107,7 +109,7 @@ def _safety(row: Mapping[str, Any], limit: float) -> str:
             f"{row['min_distance']:.2f} m")  # fmt: skip
 
 
-def _stands(advice: Advice) -> list[str]:
+def _stands(advice: Advice, given: Given) -> list[str]:
     """Which of the changes it stands up to: the target and the limit on collisions are kept; and the worst of them."""
     rows = advice.stress[advice.stress["current_qoc"].notna()].iloc[1:]
     lines = []
@@ -117,7 +119,7 @@ def _stands(advice: Advice) -> list[str]:
                  f"{with_collisions(row, 'collisions')})") for row in found]  # fmt: skip
         lines += [f"{begin} {'; '.join(texts)}."] if texts else []
     worst = rows.loc[rows["qoc"].idxmin()]
-    return [*lines, f"Worst      {worst['what']}: QoC {with_ends(worst, 'qoc', '.4f')}, yours "
+    return [*lines, f"Worst      {worst['what']}: QoC {with_ends(worst, 'qoc', '.4f')}, {given.own} "
             f"{worst['current_qoc']:.4f} there."]  # fmt: skip
 
 
@@ -162,7 +164,14 @@ def _assumptions(advice: Advice) -> list[str]:
     return lines
 
 
-def present_lines(advice: Advice) -> list[str]:
+def _question(deadline: str, given: Given) -> str:
+    """What is asked of the present deadline, or of the one that is assumed."""
+    if given.deadline:
+        return f"IS {deadline} ms ACCEPTABLE?"
+    return f"DEADLINE not given: {deadline} ms assumed (advise.deadline_ms=... asks for another). IS THAT ACCEPTABLE?"
+
+
+def present_lines(advice: Advice, given: Given) -> list[str]:
     """Whether the present deadline is acceptable, with the present gains."""
     margin, now, rest = advice.current_margin, advice.judged.iloc[0], advice.judged.iloc[1]
     close = ALONE if is_alone(now["collision_high"]) else f"{collisions_text(now)} of its runs collide"
@@ -179,11 +188,11 @@ def present_lines(advice: Advice) -> list[str]:
         "yes": f"YES: {close}, and {target}.",
         "yes: hardly matters": f"YES: {close}; QoC is lower than it could be, but by an AUC that hardly matters.",
         "no: collisions": f"NO: {close}, {advice.max_collision_share:.1%} are allowed.",
-        "no: target": f"NO: asked is that {target}; with your gains {where}.",
+        "no: target": f"NO: asked is that {target}; with {given.of_gains} {where}.",
         "not shown": f"NOT SHOWN: {close}; the upper end breaks {advice.max_collision_share:.1%}.",
     }  # fmt: skip
     return [
-        f"IS {ms(now['deadline'])} ms ACCEPTABLE? {answers[advice.acceptable]}",
+        f"{_question(ms(now['deadline']), given)} {answers[advice.acceptable]}",
         f"  {_POLICIES[advice.policy]}. {ms(rest['deadline'])} ms would change QoC by "
         f"{with_ends(rest, 'gain', '+.4f')}.",
     ]

@@ -11,23 +11,25 @@ import pandas as pd
 from qocjax.advice.advice import Advice
 from qocjax.advice.trace_parts import WORST_PART
 from qocjax.commands.advice_page.words import GAINS, collisions_text, ms, unless_alone, with_ends
+from qocjax.commands.assumed import Given
 
 __all__ = ["arrival_text", "judged_table", "stress_lines", "tie_line"]
 
 
-def judged_table(advice: Advice) -> str:
+def judged_table(advice: Advice, given: Given) -> str:
     """The designs that were compared on fresh seeds."""
     rows = advice.judged
-    columns = _columns(rows, "gain", "gain over yours [95 %]")
+    columns = _columns(rows, "gain", f"gain over {given.own} [95 %]")
+    columns[""] = [_named(what, given) for what in rows["what"]]
     columns["there after (s)"] = [arrival_text(row) for row in rows.to_dict("records")]
     return _text(columns)
 
 
-def stress_lines(advice: Advice) -> list[str]:
+def stress_lines(advice: Advice, given: Given) -> list[str]:
     """The recommended design on worse networks, and which of them it stands up to."""
     rows = advice.stress
     columns = _columns(rows, "change", "change [95 %]")
-    columns["QoC of yours"] = ["" if np.isnan(each) else f"{each:.4f}" for each in rows["current_qoc"]]
+    columns[f"QoC of {given.own}"] = ["" if np.isnan(each) else f"{each:.4f}" for each in rows["current_qoc"]]
     columns["stands up"] = rows["stands"].replace("no", "NO")
     asked = advice.target.than("that as it is")
     limit = f", and collisions keep {advice.max_collision_share:.1%} by the upper end of their interval"
@@ -36,6 +38,12 @@ def stress_lines(advice: Advice) -> list[str]:
         lines.append(f"  The {WORST_PART}, of those that judge: found on the fresh seeds, its numbers are of further "
                      "ones; their intervals say how replays of that part differ.")  # fmt: skip
     return lines
+
+
+def _named(what: str, given: Given) -> str:
+    """A design that was compared; `current` only where it was given."""
+    gains = what.replace("current gains", given.of_gains)
+    return gains if gains != what else what.replace("current", given.design)
 
 
 def tie_line(ties: pd.DataFrame) -> str:
