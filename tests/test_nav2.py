@@ -512,3 +512,16 @@ def test_a_file_that_would_not_be_read_is_refused(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "qocjax.sweep", *options], capture_output=True, text=True)
     assert done.returncode == 2
     assert done.stderr == "error: nav2: got my.yaml from a configuration file, expected it on the command line\n"
+
+
+@pytest.mark.parametrize("source", [None, FILE])
+def test_caps_that_a_recording_alone_shows_come_with_a_warning(source: str | None) -> None:
+    """A robot that was driven gently can do more; a cap that was advised below what was driven is advice."""
+    gently = {"v_max": 0.5, "omega_max": 0.382}
+    text = nav2_text(advice(v_max=0.3, omega_max=0.382), Rules(), source, None, gently)  # type: ignore[arg-type]
+    warned = {line.split(":")[0].strip() for line in text.splitlines() if "CAUTION: no advice" in line}
+    assert "wz_max" in warned and "vx_max" not in warned
+    assert all("robot.omega_max=..." in line for line in text.splitlines() if "CAUTION: no advice" in line)
+    assert check_types(text) == check_types(nav2_text(advice(v_max=0.3, omega_max=0.382), Rules(), source))  # type: ignore[arg-type]
+    assert "CAUTION" not in nav2_text(advice(v_max=0.3, omega_max=0.3), Rules(), source, None, gently)  # type: ignore[arg-type]
+    assert "CAUTION" not in nav2_text(advice(v_max=0.3, omega_max=0.382), Rules(), source)  # type: ignore[arg-type]

@@ -20,6 +20,8 @@ __all__ = ["Set", "advised", "horizon", "setting"]
 _DT, _STEPS = 0.05, 56  # Nav2's defaults of MPPI: a horizon of 2.8 s
 _CAPS = {(MPPI, "vx_max"): 0.5, (MPPI, "vx_min"): -0.35, (MPPI, "wz_max"): 1.9, (RPP, "desired_linear_vel"): 0.5,
          (RPP, "rotate_to_heading_angular_vel"): 1.8, (SHIM, "rotate_to_heading_angular_vel"): 1.8}  # fmt: skip
+_UNITS = {"v_max": "m/s", "omega_max": "rad/s"}
+_SHOWN = "but all that was driven in the recording; where the robot may do more, take its own and say robot.{}=..."
 _SMOOTHER = {"max_velocity": (0.5, 0.0, 2.5), "min_velocity": (-0.5, 0.0, -2.5)}
 _TIMEOUT, _SMOOTHING = 1.0, 20.0  # s, 1/s; Nav2's defaults too
 
@@ -35,10 +37,23 @@ class Set:
     hold: float  # s of age after which the robot stops
     why: str  # of the hold
     delay: float  # s until a command acts
+    unadvised: tuple[str, ...] = ()  # caps that are no advice, but all that a recording shows of the robot
+
+    def unit(self, *caps: str) -> str:
+        """Units of caps, for the comment at a parameter, with a warning where one is no advice."""
+        units = ", ".join(_UNITS[cap] for cap in caps)
+        shown = [cap for cap in dict.fromkeys(caps) if cap in self.unadvised]
+        return units + "".join(f"; CAUTION: no advice, {_SHOWN.format(cap)}" for cap in shown)
 
 
-def setting(advice: Advice, rules: Rules) -> Set:
-    """The numbers of an advice, with the age at which the robot stops by the rules it was worked out under."""
+def setting(advice: Advice, rules: Rules, seen: Mapping[str, float] | None = None) -> Set:
+    """The numbers of an advice, with the age at which the robot stops by the rules it was worked out under.
+
+    Args:
+        advice: What is advised.
+        rules: Actuation and hold.
+        seen: Caps that stand for those of the robot as a recording shows no more.
+    """
     best = advice.recommended
     tau, deadline, v_max, omega_max = (
         float(np.asarray(getattr(best, name))) for name in ("tau", "deadline", "v_max", "omega_max")
@@ -50,7 +65,9 @@ def setting(advice: Advice, rules: Rules) -> Set:
         hold, why = deadline + tau, "deadline + tau, the age of a command when the next one is missed"
     middle = advice.character["percentiles_ms"]["p50"] / 1e3
     delay = {"deadline": deadline, "instant": 0.0}.get(rules.actuation, min(middle, deadline))
-    return Set(tau, deadline, _rounded(v_max), _rounded(omega_max), _rounded(hold), why, _rounded(delay))
+    caps = {"v_max": v_max, "omega_max": omega_max}
+    shown = tuple(name for name, cap in caps.items() if seen and cap >= seen.get(name, math.inf) * (1 - 1e-6))
+    return Set(tau, deadline, _rounded(v_max), _rounded(omega_max), _rounded(hold), why, _rounded(delay), shown)
 
 
 def _oldest(peak: float, deadline: float, tau: float, rules: Rules) -> tuple[float, str]:
@@ -101,7 +118,7 @@ def advised(
         found += _controller(best, plugin, params is not None)
     for shim in params.shims if params else ():
         name = "rotate_to_heading_angular_vel"
-        found.append(_cap(shim, name, best.omega_max, True, "rad/s"))
+        found.append(_cap(shim, name, best.omega_max, True, best.unit("omega_max")))
     found += _tuned(tuned or {}, params)
     if params is None:
         done = {change.name for change in found}
@@ -131,22 +148,23 @@ def _controller(best: Set, plugin: Plugin, file: bool) -> Iterator[Change]:
     """Step, horizon and caps of a controller."""
     if plugin.kind == MPPI:
         yield from _rollouts(best, plugin, file)
-        yield _cap(plugin, "vx_max", best.v_max, file, "m/s")
+        yield _cap(plugin, "vx_max", best.v_max, file, best.unit("v_max"))
         if -_of(plugin, "vx_min", -0.35) > best.v_max:
             yield _set(plugin, "vx_min", -best.v_max, "m/s; or the robot would pass the cap backwards")
-        yield _cap(plugin, "wz_max", best.omega_max, file, "rad/s")
+        yield _cap(plugin, "wz_max", best.omega_max, file, best.unit("omega_max"))
     elif plugin.kind == DWB:
-        for name, cap, unit in (("max_vel_x", best.v_max, "m/s"), ("max_speed_xy", best.v_max, "m/s"),
-                                ("max_vel_theta", best.omega_max, "rad/s")):  # fmt: skip
+        v, omega = best.unit("v_max"), best.unit("omega_max")
+        for name, cap, unit in (("max_vel_x", best.v_max, v), ("max_speed_xy", best.v_max, v),
+                                ("max_vel_theta", best.omega_max, omega)):  # fmt: skip
             yield _cap(plugin, name, cap, file, unit)
         if -_of(plugin, "min_vel_x", 0.0) > best.v_max:
             yield _set(plugin, "min_vel_x", -best.v_max, "m/s; or the robot would pass the cap backwards")
     else:
         new = "max_linear_vel" in plugin.values and "desired_linear_vel" not in plugin.values
-        yield _cap(plugin, "max_linear_vel" if new else "desired_linear_vel", best.v_max, file, "m/s")
-        yield _cap(plugin, "rotate_to_heading_angular_vel", best.omega_max, True, "rad/s")
+        yield _cap(plugin, "max_linear_vel" if new else "desired_linear_vel", best.v_max, file, best.unit("v_max"))
+        yield _cap(plugin, "rotate_to_heading_angular_vel", best.omega_max, True, best.unit("omega_max"))
         if "max_angular_vel" in plugin.values:
-            yield _cap(plugin, "max_angular_vel", best.omega_max, file, "rad/s")
+            yield _cap(plugin, "max_angular_vel", best.omega_max, file, best.unit("omega_max"))
         for name, cap in (("min_linear_vel", best.v_max), ("min_angular_vel", best.omega_max)):
             if -_of(plugin, name, 0.0) > cap:
                 yield _set(plugin, name, -cap, "or the robot would pass the cap the other way")
@@ -181,7 +199,7 @@ def _smoother(best: Set, params: NavParams | None) -> Iterator[Change]:
         for k, cap in zip((0, -1), caps, strict=True):
             free = params is None and (k == -1 or sign > 0)  # without a file, backwards no faster than Nav2's default
             limits[k] = sign * (cap if free else min(cap, abs(limits[k])))
-        yield Change(node, name, limits, "m/s, m/s, rad/s" if len(limits) == 3 else "m/s, rad/s")
+        yield Change(node, name, limits, best.unit(*["v_max"] * (len(limits) - 1), "omega_max"))
     rate = params and params.number(node, "smoothing_frequency") or _SMOOTHING
     if 1.0 / best.tau > rate * (1 + 1e-6):
         yield Change(node, "smoothing_frequency", 1.0 / best.tau, "1/s; or commands would wait for its next turn")

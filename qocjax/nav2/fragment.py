@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,13 @@ _BEGIN, _END = "# ---- notes of qocjax.advise ----", "# ---- end of these notes 
 _GAINS = {"kappa": "1/s", "gamma": "1/s", "eta": "", "c_miss": "m/s", "d_safe": "m"}
 
 
-def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None, mppi: MppiConfig | None = None) -> str:
+def nav2_text(
+    advice: Advice,
+    rules: Rules,
+    source: str | Path | None = None,
+    mppi: MppiConfig | None = None,
+    seen: Mapping[str, float] | None = None,
+) -> str:
     """The parameters of an advice as a parameter file of ROS 2, with comments on what has no parameter.
 
     Args:
@@ -32,13 +38,14 @@ def nav2_text(advice: Advice, rules: Rules, source: str | Path | None = None, mp
         rules: Actuation and hold it was worked out under.
         source: The user's own file, or its text, to come back whole with what is advised; None for a fragment.
         mppi: Of the navigation stack, if the advice was worked out with it; what it has otherwise than Nav2 is set.
+        seen: Caps that a recording shows, and that stand for the robot's; they come out with a warning.
 
     Raises:
         ValueError: The rules ask for plans; or the user's file cannot be read, or ROS's parser would refuse it: one
             line with file and line.
     """
     rules.check_single()
-    best = setting(advice, rules)
+    best = setting(advice, rules, seen)
     tuned = {name: float(np.asarray(value)) for name, value in advice.recommended.others.items()}
     if source is None:
         changes = advised(best, simulated=None if mppi is None else stack_values(mppi), tuned=tuned)
