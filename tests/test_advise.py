@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from qocjax import Design, QocScale, Rules, paper_network
 from qocjax.advice.advice import Advice, plain
 from qocjax.advice.character import candidate_deadlines, characterise, quantiles
+from qocjax.advice.little import Little
 from qocjax.advice.margins import Margin
 from qocjax.advice.reaching import Bound
 from qocjax.advice.shortlist import Effort, shortlist
@@ -300,6 +301,27 @@ def test_whether_the_present_deadline_may_stay(advice: Advice) -> None:
     for found, words in (("yes", "YES: "), ("no: collisions", "NO: "), ("not shown", "NOT SHOWN: "),
                          ("no: target", "NO: asked is that QoC is at least 0.95 of its best; with")):  # fmt: skip
         assert f"ACCEPTABLE? {words}" in page(replace(advice, acceptable=found))
+
+
+def test_a_delay_that_hardly_matters_is_said_first(advice: Advice) -> None:
+    """With the figures at both deadlines; not where the recommended one lies beyond, nor where collisions decide."""
+    target = Target(little=Little(0.012, 0.105, 7.5))
+    ends = (Bound(0.04, 0.04, 0.04, False), Bound(0.75, 0.75, 0.75, False))
+    margin = Margin(target, 0.05, Estimate(0.8, 0.01, 0.78, 0.82), *ends)
+    judged = advice.judged.assign(auc=[0.0059, 0.0005, 0.0005, 0.0005], collision_share=0.0, collision_low=0.0,
+                                  collision_high=0.0, arrival_time=[15.3, 15.0, 15.0, 15.0], arrived_share=1.0,
+                                  min_distance=np.inf)  # fmt: skip
+    here = replace(advice, target=target, current_margin=margin, judged=judged, acceptable="yes: hardly matters")
+    text = page(here)
+    assert text.startswith("THE DELAY HARDLY MATTERS HERE, for deadlines from 40 to 750 ms.")
+    for words in ("AUC is 0.0059 and 0.0005 s", "there after 15.3 and 15.0 s", "They are 0.07 m further",
+                  "ACCEPTABLE? YES: one robot: nobody to collide with; QoC is lower"):  # fmt: skip
+        assert words in text
+    assert "inf" not in text.lower().replace("info", "") and "and collisions keep" not in text.split("IF THE")[0]
+    short = Margin(target, 0.05, margin.merit, ends[0], Bound(0.1, 0.1, 0.1, False))
+    for other in (replace(here, current_margin=short), replace(here, acceptable="no: collisions"),
+                  replace(here, target=Target())):  # fmt: skip
+        assert not page(other).startswith("THE DELAY")
 
 
 def test_a_target_that_nothing_reaches_is_said(advice: Advice) -> None:
