@@ -80,7 +80,9 @@ def _write(advice: Advice, config: AdviseConfig, controller: Controller, seen: R
     values = advice_values(advice) | {"robot": _robot_values(config, seen)} | provenance(controller)
     write_text(folder / "advice.yaml", OmegaConf.to_yaml(OmegaConf.create(values)))
     mine, mppi = config.nav2 and Path(config.nav2), getattr(controller, "mppi", None)
-    write_text(folder / "nav2_params.yaml", nav2_text(advice, config.loop.build(), mine, mppi, seen and seen.options))
+    write_text(
+        folder / "nav2_params.yaml", nav2_text(advice, config.loop.build(), mine, mppi, seen.options if seen else None)
+    )
     tables = {"curve": advice.curve, "elasticities": advice.elasticities, "sobol": advice.sobol}
     tables["plane"] = None if advice.slack is None else advice.slack.plane
     for name, table in tables.items():

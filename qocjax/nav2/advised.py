@@ -21,7 +21,7 @@ _DT, _STEPS = 0.05, 56  # Nav2's defaults of MPPI: a horizon of 2.8 s
 _CAPS = {(MPPI, "vx_max"): 0.5, (MPPI, "vx_min"): -0.35, (MPPI, "wz_max"): 1.9, (RPP, "desired_linear_vel"): 0.5,
          (RPP, "rotate_to_heading_angular_vel"): 1.8, (SHIM, "rotate_to_heading_angular_vel"): 1.8}  # fmt: skip
 _UNITS = {"v_max": "m/s", "omega_max": "rad/s"}
-_SHOWN = "but all that was driven in the recording; where the robot may do more, take its own and say robot.{}=..."
+_SHOWN = "no advice, all that was driven in the recording; what the robot can do goes here, and into"
 _SMOOTHER = {"max_velocity": (0.5, 0.0, 2.5), "min_velocity": (-0.5, 0.0, -2.5)}
 _TIMEOUT, _SMOOTHING = 1.0, 20.0  # s, 1/s; Nav2's defaults too
 
@@ -42,8 +42,8 @@ class Set:
     def unit(self, *caps: str) -> str:
         """Units of caps, for the comment at a parameter, with a warning where one is no advice."""
         units = ", ".join(_UNITS[cap] for cap in caps)
-        shown = [cap for cap in dict.fromkeys(caps) if cap in self.unadvised]
-        return units + "".join(f"; CAUTION: no advice, {_SHOWN.format(cap)}" for cap in shown)
+        shown = [f"robot.{cap}=..." for cap in dict.fromkeys(caps) if cap in self.unadvised]
+        return f"{units}; CAUTION: {_SHOWN} {' '.join(shown)}" if shown else units
 
 
 def setting(advice: Advice, rules: Rules, seen: Mapping[str, float] | None = None) -> Set:
