@@ -71,7 +71,9 @@ def test_streams_that_python_does_not_have(monkeypatch: pytest.MonkeyPatch) -> N
 
 def shell(command: str, **more: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu", "P": sys.executable} | more
-    return subprocess.run(["bash", "-o", "pipefail", "-c", command], env=environment, capture_output=True, text=True)
+    return subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command], env=environment, capture_output=True, text=True, errors="replace"
+    )
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs bash")
