@@ -25,7 +25,7 @@ from qocjax.report import StudyPage, hall_map, study_page, write_study_report
 from qocjax.report.delays import delay_chart, late_chart
 from qocjax.report.html import escape, interval, json_text, number, plus_minus
 from qocjax.report.replay import hold_times, replay_data
-from qocjax.report.sweeps import qoc_chart
+from qocjax.report.sweeps import auc_legend, qoc_chart
 from qocjax.study.problem import Problem
 from qocjax.study.replays import PolicyRun, policy_runs, replays
 from qocjax.study.replays import _draw as draw_all
@@ -206,6 +206,16 @@ def test_what_collides_too_often_is_crossed_and_tails_are_seen(content: StudyPag
         known = np.isfinite(told)
         np.testing.assert_allclose(told[known], 1.0 - np.asarray(trace["y"])[known], atol=1e-12)
         assert (np.asarray(trace["y"])[~known] > 1.0 - 1e-5).all()
+
+
+def test_the_baseline_of_a_single_sweep_is_emphasised(content: StudyPage) -> None:
+    """No other sweep holds it."""
+    alone = content.results[content.results["sweep"] == "kappa"]
+    value = float(alone["value"].iloc[0])
+    assert "(baseline)" not in auc_legend(alone, "kappa")
+    assert f">{value:g} (baseline)<" in auc_legend(alone, "kappa", {"kappa": value})
+    ticks = qoc_chart(alone, content.policies, "kappa", None, {"kappa": value})["layout"]["yaxis"]["ticktext"]
+    assert [text for text in ticks if "<b>" in text] == [f"<b>{value:g}</b>"]
 
 
 def test_what_failed_or_diverged_is_told(content: StudyPage, tmp_path: Path) -> None:

@@ -76,23 +76,26 @@ def written(
         digests = _write_tables(study, folder)
         if config.arrays:
             write_arrays(study, folder)
+        baseline = {name: float(np.asarray(value)) for name, value in config.baseline().values().items()}
         with ThreadPoolExecutor(1) as aside:  # most of a report is compiling what runs the replays
-            reported = aside.submit(_write_report, study, problem, room, folder) if config.report else None
+            reported = aside.submit(_write_report, study, problem, room, baseline, folder) if config.report else None
             if config.figures:
                 from qocjax.figures.study import draw_study
 
                 draw_study(*sound(study.results, study.policies), lambda: representative_run(study, config, problem),
-                           folder / "figures", drawing, config.max_collision_share)  # fmt: skip
+                           folder / "figures", drawing, config.max_collision_share, baseline)  # fmt: skip
             if reported is not None:
                 reported.result()
         _write_record(study, config, problem, digests, chunks.owner, folder)
     return study
 
 
-def _write_report(study: Study, problem: Problem, room: StaticMap | None, folder: Path) -> None:
+def _write_report(
+    study: Study, problem: Problem, room: StaticMap | None, baseline: dict[str, float], folder: Path
+) -> None:
     from qocjax.report import study_page, write_study_report
 
-    page = study_page(folder.resolve().name, study, problem, policy_runs(study, problem), room)
+    page = study_page(folder.resolve().name, study, problem, policy_runs(study, problem), room, baseline)
     write_study_report(folder / "report.html", page)
 
 

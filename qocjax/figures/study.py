@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -31,6 +31,7 @@ def draw_study(
     folder: Path,
     pool: Executor | None = None,
     limit: float | None = None,
+    baseline: Mapping[str, float] | None = None,
 ) -> list[Path]:
     """Draws the policies' bars, AUC against the deadline, a QoC map for each sweep, and the run's trajectories.
 
@@ -43,6 +44,7 @@ def draw_study(
         folder: Where the files go.
         pool: A process that helps, from `process_beside`.
         limit: Largest share of runs with a collision; None for none.
+        baseline: Baseline values by parameter, which is emphasised.
 
     Returns:
         The files, a PNG and a PDF of each figure.
@@ -53,8 +55,9 @@ def draw_study(
     lines = [sweep for sweep in single if sweep in ("eta", "tau")] or single
     figures = {
         "policies": partial(policy_bars, policies),
-        **({stem("auc", lines): partial(auc_against_deadline, results, lines)} if lines else {}),
-        **{stem("qoc", [sweep]): partial(qoc_map, results, policies, sweep, limit=limit) for sweep in single},
+        **({stem("auc", lines): partial(auc_against_deadline, results, lines, baseline=baseline)} if lines else {}),
+        **{stem("qoc", [sweep]): partial(qoc_map, results, policies, sweep, limit=limit, baseline=baseline)
+           for sweep in single},
         **{stem("qoc", axes_of(sweep)): partial(joint_map, results, policies, sweep)
            for sweep in sweeps if is_joint(sweep)},
     }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,12 @@ _STEPS = 400  # of the deadline axis, for F(Δ) between the deadlines of the stu
 
 
 def study_page(
-    name: str, study: Study, problem: Problem, runs: Sequence[PolicyRun] = (), room: StaticMap | None = None
+    name: str,
+    study: Study,
+    problem: Problem,
+    runs: Sequence[PolicyRun] = (),
+    room: StaticMap | None = None,
+    baseline: Mapping[str, float] | None = None,
 ) -> StudyPage:
     """Gathers what `write_study_report` writes.
 
@@ -38,6 +43,7 @@ def study_page(
         problem: What was simulated.
         runs: To be replayed, from `policy_runs`.
         room: The map of the hall.
+        baseline: Values by parameter, around which they are swept.
     """
     axis = np.unique(study.results["deadline"])
     deadlines = np.unique(np.append(axis, np.linspace(0.0, axis[-1], _STEPS + 1)))
@@ -49,6 +55,7 @@ def study_page(
     options = study.configuration
     return StudyPage(
         name=name,
+        baseline=baseline,
         results=study.results,
         policies=study.policies,
         scale=study.scale,

@@ -49,6 +49,7 @@ class StudyPage:
     hall: HallMap | None = None
     failures: Mapping[str, str] = field(default_factory=dict)  # why a part of the study has no results
     limit: float | None = None  # largest share of runs with a collision
+    baseline: Mapping[str, float] | None = None  # values by parameter, around which they are swept
     hanging: Hanging = Hanging()  # conclusions of the paper that hang on a choice
 
 
@@ -72,11 +73,11 @@ def write_study_report(path: Path, page: StudyPage) -> Path:
             charts[f"qoc-{sweep}"] = plane_chart(page.results, page.policies, sweep)
             charts[f"auc-{sweep}"] = best_chart(page.results, sweep)
         else:
-            charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep, page.limit)
-            charts[f"auc-{sweep}"] = auc_chart(page.results, sweep)
+            charts[f"qoc-{sweep}"] = qoc_chart(page.results, page.policies, sweep, page.limit, page.baseline)
+            charts[f"auc-{sweep}"] = auc_chart(page.results, sweep, page.baseline)
     sections = [
         Section("policies", "Policies", _policies(page)),
-        Section("sweeps", "Sweeps", _sweeps(page.results, sweeps, page.limit)),
+        Section("sweeps", "Sweeps", _sweeps(page, sweeps)),
         Section("delays", "Loop times", _delays(page)),
     ]
     data: dict[str, Any] = {"charts": charts}
@@ -182,27 +183,29 @@ def _hanging(hanging: Hanging) -> str:
     return f"<p>{escape(hanging.text)}</p>{numbers}"
 
 
-def _sweeps(results: pd.DataFrame, sweeps: Sequence[str], limit: float | None) -> str:
-    panels = {sweep: _panel(results, sweep) for sweep in sweeps}
+def _sweeps(page: StudyPage, sweeps: Sequence[str]) -> str:
+    results = page.results
+    panels = {sweep: _panel(page, sweep) for sweep in sweeps}
     lines = [sweep for sweep in sweeps if not is_joint(sweep)]
     counts = {int(results.loc[results["sweep"] == sweep, "value"].nunique()) for sweep in lines}
     style = "".join(series_style(count) for count in sorted(counts))
     return (
         f"<style>{style}</style><p>QoC and AUC of every design on the seeds of the choice. The marks are the policies' "
         "choices (star Co-design, circle MinDelay, square MaxRel), the baseline's value is bold, bands are one "
-        f"standard error.{_collision_words(limit)}</p>{tabs(panels)}"
+        f"standard error.{_collision_words(page.limit)}</p>{tabs(panels)}"
     )
 
 
-def _panel(results: pd.DataFrame, sweep: str) -> str:
+def _panel(page: StudyPage, sweep: str) -> str:
     """The two charts of a sweep."""
     if is_joint(sweep):
         names = ("QoC over two parameters", "QoC of the best combination")
         return (f'<div class="pair">{chart_place(f"qoc-{sweep}", names[0])}'
                 f"{chart_place(f'auc-{sweep}', names[1])}</div>")  # fmt: skip
+    legend = auc_legend(page.results, sweep, page.baseline)
     return (
         f'<div class="pair">{chart_place(f"qoc-{sweep}", "QoC over deadline and value", keys=True)}'
-        f"{chart_place(f'auc-{sweep}', 'AUC over the deadline', after=auc_legend(results, sweep))}</div>"
+        f"{chart_place(f'auc-{sweep}', 'AUC over the deadline', after=legend)}</div>"
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,8 +30,12 @@ _POINT = (
     "QoC %{customdata[3]}<extra></extra>"
 )
 
+Baseline = Mapping[str, float] | None
 
-def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str, limit: float | None = None) -> dict[str, Any]:
+
+def qoc_chart(
+    results: pd.DataFrame, policies: pd.DataFrame, sweep: str, limit: float | None = None, baseline: Baseline = None
+) -> dict[str, Any]:
     """A heat map of QoC over deadline and value, with the policies' choices, crossed where too many runs collide.
 
     Args:
@@ -38,6 +43,7 @@ def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str, limit: 
         policies: Table of its policies.
         sweep: The parameter.
         limit: Largest share of runs with a collision; None crosses nothing.
+        baseline: Values by parameter, which are emphasised; those not given are read from the other sweeps.
     """
     rows = results[results["sweep"] == sweep]
     values, deadlines, scores = grid(rows, "qoc")
@@ -51,7 +57,7 @@ def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str, limit: 
                      "ticks": "outside", "ticklen": 3},
         "hovertemplate": symbol(sweep) + _CELL,
     }  # fmt: skip
-    base = baseline_index(results, sweep, values, None) if sweep in results.columns else None
+    base = baseline_index(results, sweep, values, baseline)
     texts = [f"<b>{text}</b>" if k == base else text for k, text in enumerate(places)]
     bottom = axis(DEADLINE, range=_ends(1e3 * deadlines))
     up = axis(
@@ -67,13 +73,13 @@ def qoc_chart(results: pd.DataFrame, policies: pd.DataFrame, sweep: str, limit: 
     }  # fmt: skip
 
 
-def auc_chart(results: pd.DataFrame, sweep: str) -> dict[str, Any]:
+def auc_chart(results: pd.DataFrame, sweep: str, baseline: Baseline = None) -> dict[str, Any]:
     """Lines of AUC over the deadline with a band of one standard error, one per value."""
     rows = results[results["sweep"] == sweep]
     values, deadlines, auc = grid(rows, "auc")
     error = np.nan_to_num(grid(rows, "auc_se")[2], nan=0.0, posinf=0.0)
     cells, x = _cells(rows, sweep, None), 1e3 * deadlines
-    base = baseline_index(results, sweep, values, None) if sweep in results.columns else None
+    base = baseline_index(results, sweep, values, baseline)
     traces: list[dict[str, Any]] = []
     for k in range(values.size):
         uid, known = series_uid(k, values.size), np.isfinite(auc[k])
@@ -92,10 +98,10 @@ def auc_chart(results: pd.DataFrame, sweep: str) -> dict[str, Any]:
                                              hovermode="closest"), "views": _views(rows)}  # fmt: skip
 
 
-def auc_legend(results: pd.DataFrame, sweep: str) -> str:
+def auc_legend(results: pd.DataFrame, sweep: str, baseline: Baseline = None) -> str:
     """The lines of `auc_chart`, as buttons."""
     values = np.unique(results.loc[results["sweep"] == sweep, "value"])
-    base = baseline_index(results, sweep, values, None) if sweep in results.columns else None
+    base = baseline_index(results, sweep, values, baseline)
     items = [
         legend_item(series_uid(k, values.size),
                     value_text(sweep, value) + (" (baseline)" if k == base else ""), strong=k == base)
