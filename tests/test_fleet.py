@@ -435,6 +435,14 @@ BAD_INPUT = {
     "tau": (["+fleet.grids.tau=[0.05]"], "fleet.grids: got tau, expected other parameters"),
     "one of two": (["fleet.j_med=0.2"], "fleet.j_med, fleet.j_max: got 0.2 and None, expected both or neither"),
     "layout": (["fleet.layout.kind=heap"], "fleet.layout.kind: got 'heap', expected one of lanes, circle, apart"),
+    "dead network": (
+        ["network.compute.mean=40", "fleet.robots=[1]"],
+        "fleet.deadline_ms: got 800 ms at most, by which 0 of the loops of 1 robot complete on",
+    ),
+    "nearly dead": (
+        ["network=paper", "fleet.deadline_ms=[20]", "fleet.robots=[2]", "fleet.min_reliability=0.5"],
+        "of the loops of 2 robots complete on paper, expected at least 0.5 (fleet.min_reliability)",
+    ),
     "one seed": (["fleet.seeds=1"], "fleet.seeds: got 1, expected at least 2"),
 }
 ONE_BY_ONE = """

@@ -122,10 +122,12 @@ def run(config: FleetConfig, folder: Path | None = None, *, quiet: bool = False)
         quiet: No progress bar (there is none anyway where standard error is no terminal).
 
     Raises:
-        ValueError: A value of the configuration is out of range, or the folder holds another study.
+        ValueError: A value of the configuration is out of range, the first fleet completes too few loops by any
+            deadline, or the folder holds another study.
         OSError: The folder cannot be written, or the disk is full.
     """
     config.check()
+    _check_loops(config)
     outer = study_folder(folder, config.identity(), "", note) if folder else nullcontext()
     bar = tqdm(total=_studies(config), desc="fleets", file=sys.stderr, disable=True if quiet else None)
     with outer, bar, config.engine.open(note) as engine:
@@ -138,6 +140,22 @@ def run(config: FleetConfig, folder: Path | None = None, *, quiet: bool = False)
         if folder is not None:
             _write(found, config, runs, folder)
     return found
+
+
+def _check_loops(config: FleetConfig) -> None:
+    """Refuses a network that is dead to the first fleet already: all else is measured by what that one reaches."""
+    options = config.fleet
+    problem = config.study(options.robots[0], config.scale()).build_problem()
+    longest = max(options.deadline_ms) / 1e3
+    share = float(reliability_of(problem.network, problem.scenario, longest, config.loop.tau).share)
+    if share == 0.0 or share < options.min_reliability:
+        robots = f"{options.robots[0]} robot{'' if options.robots[0] == 1 else 's'}"
+        raise ValueError(
+            f"fleet.deadline_ms: got {max(options.deadline_ms):g} ms at most, by which {share:.3g} of the loops of "
+            f"{robots} complete on {problem.network.name}, expected "
+            f"{f'at least {options.min_reliability:g} (fleet.min_reliability)' if options.min_reliability else 'more'}"
+            ": a larger deadline, or a faster network (its times are in seconds)"
+        )
 
 
 def _studies(config: FleetConfig) -> int:
