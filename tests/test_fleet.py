@@ -107,7 +107,7 @@ def point(robots: int, scores: Any, collided: Any = None, selection: Any = None,
         "robots": robots, "tau": 0.05, "deadline": 0.2, "qoc": scores.mean(), "qoc_se": error,
         "qoc_low": scores.mean() - 2 * error, "qoc_high": scores.mean() + 2 * error, "auc": 1.0, "auc_se": 0.1,
         "reliability": 0.5, "reliability_se": 0.01, "collision_share": close.mean(), "collision_low": hits.low,
-        "collision_high": hits.high,
+        "collision_high": hits.high, "seeds": scores.size,
     }  # fmt: skip
     chosen = scores if selection is None else np.asarray(selection, float)
     return Point(robots, 0.2, chosen, scores, close, np.arange(scores.size), found | row)
@@ -152,6 +152,30 @@ def test_largest_fleet_ends_at_the_first_that_fails() -> None:
     assert largest_fleet([point(1, bad)], asked) is None
     with pytest.raises(ValueError, match=r"fleet\.target: got 1\.2, expected <= 1"):
         Asked(1.2, 0.1)
+
+
+def test_collisions_are_held_to_their_limit_by_their_upper_end_where_seeds_can_show_it() -> None:
+    asked = Asked(0.5, 0.05)
+
+    def fleet(robots: int, seeds: int, hits: int) -> Point:
+        policies = dict.fromkeys(("co_design_qoc", "mindelay_qoc", "maxrel_qoc"), 0.9)
+        return point(robots, 0.9 + 0.01 * (np.arange(seeds) % 2), np.arange(seeds) < hits, **policies)
+
+    assert asked.least_seeds == 72
+    assert fleet(2, 72, 0).row["collision_high"] <= 0.05 < fleet(2, 71, 0).row["collision_high"]
+    for seeds, hits, kept, shown in ((72, 0, 2, True), (72, 1, None, False), (71, 0, 2, False), (71, 3, 2, False),
+                                     (71, 4, None, False), (200, 6, None, False), (400, 8, 2, True)):  # fmt: skip
+        found = fleet(2, seeds, hits)
+        assert largest_fleet([found], asked) == kept, (seeds, hits)
+        assert bool(asked.not_shown(found.row)) == (kept is not None and not shown)
+    few = study_of_points([fleet(2, 16, 0), fleet(4, 16, 0)], asked)
+    said = "That collisions keep within 5% is not shown with 16 seeds, 72 without one would (fleet.evaluation_seeds)."
+    assert "0% [0%, 21%]. " + said in answers(few)[0] and said.replace("16", "2") in answers(few)[2]
+    assert fleet_text(few).count("0% [0%, 21%] ?") == 2
+    many = study_of_points([fleet(2, 72, 0), fleet(4, 72, 1)], asked)
+    assert "not shown" not in answers(many)[0] and "4 do not (collisions: 0.9050, 1% [0%, 7%])" in answers(many)[0]
+    assert fleet_text(many).count("1% [0%, 7%] !") == 1
+    assert "nor with any number" in answers(study_of_points([fleet(2, 72, 0)], Asked(0.5, 0.0)))[0]
 
 
 def test_share_interval_is_exact() -> None:

@@ -24,6 +24,7 @@ from qocjax.fleets import Asked, Point, point_of
 from qocjax.fleets.tables import (
     FleetStudy,
     answers,
+    collision_text,
     find_limit,
     map_table,
     need_table,
@@ -32,6 +33,7 @@ from qocjax.fleets.tables import (
 )
 from qocjax.quality import QocScale
 from qocjax.report.fleet import write_fleet_report
+from qocjax.statistics.collisions import is_alone
 from qocjax.statistics.scales import scale_text
 from qocjax.store import write_config, write_json, write_table
 from qocjax.store.provenance import provenance
@@ -244,7 +246,9 @@ def fleet_text(study: FleetStudy) -> str:
     for use, name in (("uplink_usage", "up"), ("edge_usage", "edge"), ("downlink_usage", "down")):
         if use in rows:
             table[name] = rows[use].map("{:.0%}".format)
-    table["collisions"] = rows["collision_share"].map("{:.0%}".format)
+    marks = np.select([study.asked.too_close(rows), study.asked.not_shown(rows)], [" !", " ?"], "")
+    close = ["one robot" if is_alone(row["collision_high"]) else collision_text(row) for row in rows.to_dict("records")]
+    table["collisions"] = [text + mark for text, mark in zip(close, marks, strict=True)]
     return pd.DataFrame(table).to_string(index=False) + "\n\n" + "\n".join(answers(study))
 
 

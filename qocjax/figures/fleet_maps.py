@@ -29,7 +29,7 @@ _DARK = 0.55  # of the colour map, below which numbers are white
 def maps_figure(maps: Mapping[str, pd.DataFrame], asked: Asked, *, height: float = 2.6) -> Figure:
     """Draws a map for each thing given: QoC in each cell, the contour of the target between their middles.
 
-    Hatched cells keep too few distances: more runs with robots closer than two radii than asked.
+    Hatched cells keep too few distances: by the upper 95 % end, more runs with robots closer than two radii than asked.
 
     Args:
         maps: A row per fleet and amount, by what is given.
@@ -40,7 +40,7 @@ def maps_figure(maps: Mapping[str, pd.DataFrame], asked: Asked, *, height: float
         ValueError: A table is empty, lacks a column, or holds what cannot be drawn.
     """
     for given, table in maps.items():
-        check_table(table, f"map_{given}", ("robots", given, "qoc", "collision_share"))
+        check_table(table, f"map_{given}", ("robots", given, "qoc", "collision_share", "collision_high", "seeds"))
     with paper_style():
         width = SINGLE_COLUMN if len(maps) == 1 else DOUBLE_COLUMN
         figure = Figure(figsize=(width, height), layout="constrained")
@@ -57,7 +57,7 @@ def maps_figure(maps: Mapping[str, pd.DataFrame], asked: Asked, *, height: float
             else Line2D([], [], ls="", label=f"no cell passes {target}")
         ]  # fmt: skip
         if any(close for _, close in drawn):
-            text = f"too close in more than {asked.collision_share:.0%} of runs"
+            text = f"too close not kept within {asked.collision_share:.0%} of runs"
             handles.append(Patch(facecolor="w", edgecolor="k", hatch="/////", lw=0.5, label=text))
         figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
@@ -66,13 +66,14 @@ def maps_figure(maps: Mapping[str, pd.DataFrame], asked: Asked, *, height: float
 def _draw_map(axes: Axes, table: pd.DataFrame, given: str, asked: Asked) -> tuple[bool, bool]:
     """Cells of equal size, however far apart fleets and amounts lie; whether the target is passed, any is hatched."""
     score = table.pivot(index=given, columns="robots", values="qoc").sort_index().sort_index(axis=1)
-    close = table.pivot(index=given, columns="robots", values="collision_share").reindex_like(score)
+    marked = table.assign(close=asked.too_close(table).astype(float))
+    close = marked.pivot(index=given, columns="robots", values="close").reindex_like(score)
     values = score.to_numpy(float)
     rows, columns = values.shape
     axes.pcolormesh(np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5, np.ma.masked_invalid(values),
                     cmap=COLOUR_MAP, norm=Normalize(0.0, 1.0), rasterized=True)  # fmt: skip
     _write_values(axes, values)
-    too_close = close.to_numpy(float) > asked.collision_share
+    too_close = close.to_numpy(float) > 0
     for row, column in np.argwhere(too_close):
         axes.add_patch(Rectangle((column - 0.5, row - 0.5), 1, 1, fill=False, hatch="/////", lw=0,
                                  ec="w" if values[row, column] < _DARK else "k"))  # fmt: skip

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +13,12 @@ from qocjax import _checks
 from qocjax._lazy import special
 from qocjax.fleets.point import Point
 from qocjax.statistics.estimates import resampled
+from qocjax.study.choosing import least_seeds
 
-__all__ = ["Asked", "Crossing", "crossing", "largest_fleet"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Asked", "Crossing", "crossing", "keeps", "largest_fleet"]
 
 _RESAMPLES = 2000
 
@@ -24,7 +29,8 @@ class Asked:
 
     Attributes:
         qoc: Mean QoC, at least.
-        collision_share: Share of runs in which two robots come closer than two radii, at most.
+        collision_share: Share of runs in which two robots come closer than two radii, at most: the upper end of its
+            95 % interval is held to it, or the share itself where so few seeds could not show it whatever they gave.
     """
 
     qoc: float
@@ -33,6 +39,21 @@ class Asked:
     def __post_init__(self) -> None:
         _checks.bounded("fleet.target", self.qoc, above=0.0, most=1.0)
         _checks.bounded("fleet.max_collision_share", self.collision_share, least=0.0, most=1.0)
+
+    @property
+    def least_seeds(self) -> float:
+        """Seeds that show the limit where none of them collides; inf for a limit of 0, which none show."""
+        return least_seeds(self.collision_share) if self.collision_share > 0.0 else float("inf")
+
+    def too_close(self, fleets: pd.DataFrame | Mapping[str, Any]) -> np.ndarray:
+        """Which fleets (rows, or one) break the limit on collisions."""
+        share, high = (np.asarray(fleets[f"collision_{end}"], float) for end in ("share", "high"))
+        few = np.asarray(fleets["seeds"]) < self.least_seeds
+        return np.where(few, share, high) > self.collision_share
+
+    def not_shown(self, fleets: pd.DataFrame | Mapping[str, Any]) -> np.ndarray:
+        """Which fleets keep the limit by their share alone, on too few seeds to show it."""
+        return ~self.too_close(fleets) & (np.asarray(fleets["collision_high"], float) > self.collision_share)
 
 
 @dataclass(frozen=True)
@@ -81,11 +102,16 @@ def _tail(seeds: int) -> float:
     return float(special().ndtr(special().stdtrit(seeds - 1, 0.025) * np.sqrt(seeds / (seeds - 1))))
 
 
+def keeps(point: Point, asked: Asked) -> bool:
+    """Whether a fleet reaches what is asked."""
+    return bool(point.scores.mean() >= asked.qoc and not asked.too_close(point.row))
+
+
 def largest_fleet(points: Sequence[Point], asked: Asked) -> int | None:
     """The largest number of robots simulated up to which every fleet reaches what is asked; None where none does."""
     kept = None
     for point in sorted(points, key=lambda each: each.robots):
-        if point.scores.mean() < asked.qoc or point.collided.mean() > asked.collision_share:
+        if not keeps(point, asked):
             break
         kept = point.robots
     return kept

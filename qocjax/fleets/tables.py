@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from qocjax.fleets.limits import Asked, Crossing, crossing, largest_fleet
+from qocjax.fleets.limits import Asked, Crossing, crossing, keeps, largest_fleet
 from qocjax.fleets.point import Point
 from qocjax.quality import QocScale
+from qocjax.statistics.collisions import ALONE, is_alone
 from qocjax.statistics.estimates import paired
 from qocjax.statistics.together import told_apart
 
-__all__ = ["FleetStudy", "answers", "map_table", "need_table", "points_table", "steps_table"]
+__all__ = ["FleetStudy", "answers", "collision_text", "map_table", "need_table", "points_table", "steps_table"]
 
 _SAME = 0.01  # of what there is: by less, use tells nothing of the fleet
 USES = ("uplink_usage", "edge_usage", "downlink_usage")
@@ -60,7 +61,7 @@ def need_table(cells: Mapping[tuple[int, int], Point], given: str, asked: Asked)
         scores = [point.scores for point in here[::-1]]
         found = crossing(1.0 / np.array(amounts[::-1], float), scores, asked.qoc, here[0].units)
         ends = sorted(1.0 / each for each in (found.low, found.high) if each is not None)
-        kept = [a for a, p in zip(amounts, here, strict=True) if _keeps(p, asked)]
+        kept = [a for a, p in zip(amounts, here, strict=True) if keeps(p, asked)]
         rows.append({
             "robots": robots, "need": min(kept, default=np.nan),
             "crossing": np.nan if found.value is None else 1.0 / found.value,
@@ -105,26 +106,24 @@ def answers(study: FleetStudy) -> list[str]:
     return [_largest(study), *_admission(study), *_needs(study), *_first(study)]
 
 
-def _keeps(point: Point, asked: Asked) -> bool:
-    return bool(point.scores.mean() >= asked.qoc and point.collided.mean() <= asked.collision_share)
-
-
 def _largest(study: FleetStudy) -> str:
     asked = (
         f"QoC of at least {study.asked.qoc:.4f} and collisions in at most {study.asked.collision_share:.0%} of the runs"
     )
     if study.largest is None:
-        return f"No fleet that was simulated keeps a {asked}."
+        row = study.points.iloc[0]
+        found = f"{row['qoc']:.4f} ± {row['qoc_se']:.4f}, {collision_text(row)}"
+        return f"No fleet that was simulated keeps a {asked}; N = {row['robots']:g}: {found}."
     rows = study.points.set_index("robots")
     row = rows.loc[study.largest]
-    text = f"{_robots(study.largest)} a {asked}: {row['qoc']:.4f} ± {row['qoc_se']:.4f}, {row['collision_share']:.0%}"
-    text += f" [{row['collision_low']:.0%}, {row['collision_high']:.0%}]."
+    text = f"{_robots(study.largest)} a {asked}: {row['qoc']:.4f} ± {row['qoc_se']:.4f}, {collision_text(row)}."
+    text += _unshown(study, rows.loc[: study.largest])
     more = [n for n in rows.index if n > study.largest]
     if not more:
         return text + " That is the largest fleet simulated."
     following = rows.loc[more[0]]
     why = "QoC" if following["qoc"] < study.asked.qoc else "collisions"
-    text += f" {more[0]} do not ({why}: {following['qoc']:.4f}, {following['collision_share']:.0%})."
+    text += f" {more[0]} do not ({why}: {following['qoc']:.4f}, {collision_text(following)})."
     if study.limit.value is not None and study.limit.value >= study.largest:
         ends = f"[{_end(study.limit.low)}, {_end(study.limit.high)}]"
         text += (
@@ -132,6 +131,25 @@ def _largest(study: FleetStudy) -> str:
             "(interval over seeds; where it truly falls, only fleets between those simulated would show)."
         )
     return text
+
+
+def collision_text(row: Any) -> str:
+    """Share of runs with a collision and its interval; of one robot no number."""
+    if is_alone(row["collision_high"]):
+        return ALONE
+    return f"{row['collision_share']:.0%} [{row['collision_low']:.0%}, {row['collision_high']:.0%}]"
+
+
+def _unshown(study: FleetStudy, fleets: pd.DataFrame) -> str:
+    """A sentence where collisions of some fleets keep their limit by their share alone; else nothing."""
+    asked = study.asked
+    if not (few := asked.not_shown(fleets)).any():
+        return ""
+    would = f"{asked.least_seeds:g} without one would (fleet.evaluation_seeds)"
+    return (
+        f" That collisions keep within {asked.collision_share:.0%} is not shown with "
+        f"{fleets['seeds'][few].min():g} seeds, {would if np.isfinite(asked.least_seeds) else 'nor with any number'}."
+    )
 
 
 def _admission(study: FleetStudy) -> list[str]:
@@ -156,7 +174,8 @@ def _admission(study: FleetStudy) -> list[str]:
 def _needs(study: FleetStudy) -> list[str]:
     words = {"prbs": "Resource blocks", "workers": "Workers"}
     return [
-        f"{words[given]}: {'; '.join(map(_need, table.to_dict('records')))}." for given, table in study.needs.items()
+        f"{words[given]}: {'; '.join(map(_need, table.to_dict('records')))}.{_unshown(study, study.maps[given])}"
+        for given, table in study.needs.items()
     ]
 
 

@@ -99,7 +99,8 @@ def _facts(study: FleetStudy, config: FleetConfig, runs: Mapping[int, tuple[Stud
         "Horizon": f"{options.horizon:g} s",
         "Seeds": f"{options.seeds} to choose, {options.evaluation_seeds} to judge",
         f"J_med, J_max ({of})": f"{number(study.scale.median)} s, {number(study.scale.largest)} s",
-        "Asked": f"QoC ≥ {study.asked.qoc:.4f}, too close in ≤ {percent(study.asked.collision_share)} of the runs",
+        "Asked": f"QoC ≥ {study.asked.qoc:.4f}, too close in ≤ {percent(study.asked.collision_share)} of the runs "
+        "(upper 95 % end)",
         "Key": str(config.key),
         "Computations at once": escape(at_once),
     }
@@ -132,8 +133,10 @@ def _table(study: FleetStudy, uses: Sequence[str]) -> str:
     rows = []
     for row in study.points.to_dict("records"):
         share = f"{percent(row['collision_share'])} {_percents(row['collision_low'], row['collision_high'])}"
-        if row["collision_share"] > study.asked.collision_share:
+        if study.asked.too_close(row):
             share = f'<strong class="warn">{share}</strong>'
+        elif study.asked.not_shown(row):
+            share += f" limit not shown with {row['seeds']} seeds"
         score = f"{number(row['qoc'], '.4f')} {interval(row['qoc_low'], row['qoc_high'], '.4f')}"
         rows.append([
             str(row["robots"]), number(1e3 * row["deadline"]), share_text(row["reliability"], row["reliability_se"]),
@@ -154,7 +157,7 @@ def _needs(study: FleetStudy) -> str:
     )
     text = (
         "<p>Every cell has its own best deadline. The line is the target, drawn between the middles of cells; a cross "
-        f"marks cells with robots too close in more than {percent(study.asked.collision_share)} of the runs.</p>"
+        f"marks cells that do not keep robots too close within {percent(study.asked.collision_share)} of the runs.</p>"
     )
     tables = "".join(_need_table(given, table) for given, table in study.needs.items())
     return f'{text}<div class="{"pair" if len(study.maps) > 1 else ""}">{maps}{tables}</div>'

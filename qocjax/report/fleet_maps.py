@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from qocjax.fleets.tables import FleetStudy
 from qocjax.report.charts import axis, colour_scale, layout
 from qocjax.report.fleet_charts import TEXT, state_text
@@ -38,10 +40,9 @@ def map_chart(study: FleetStudy, given: str) -> dict[str, Any]:
     line = {"type": "contour", "x": heat["x"], "y": heat["y"], "z": heat["z"], "autocontour": False, "showscale": False,
             "contours": {"start": target, "end": target, "size": 1, "coloring": "none"}, "hoverinfo": "skip",
             "line": {"width": 2.5, "color": "#ffffff", "smoothing": 0}}  # fmt: skip
-    close = [(k, row) for k, row in enumerate(table.to_dict("records"))
-             if row["collision_share"] > study.asked.collision_share]  # fmt: skip
-    crosses = {"type": "scatter", "mode": "markers", "x": [k % columns for k, _ in close],
-               "y": [k // columns for k, _ in close], "hoverinfo": "skip",
+    close = np.flatnonzero(study.asked.too_close(table))
+    crosses = {"type": "scatter", "mode": "markers", "x": (close % columns).tolist(),
+               "y": (close // columns).tolist(), "hoverinfo": "skip",
                "marker": {"symbol": "x-thin", "size": 16, "line": {"width": 2.5, "color": "#D55E00"}}}  # fmt: skip
     across = axis("Robots N", tickvals=heat["x"], ticktext=[str(n) for n in score.columns], ticks="",
                   range=[-0.5, columns - 0.5])  # fmt: skip
