@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,11 @@ from qocjax.fleets.tables import (
     points_table,
     steps_table,
 )
+from qocjax.network import Edge
+from qocjax.network.interface import Load
 from qocjax.quality import QocScale
 from qocjax.statistics.estimates import share
+from qocjax.study.capacity import edge_text, offered_load
 from qocjax.study.engine import LocalEngine
 from qocjax.study.reliability import reliability_of
 
@@ -253,6 +257,45 @@ def test_answers_say_what_follows() -> None:
     whole = study_of_points(FALLING[:1], Asked(0.5, 0.05), {"8 workers": point(1, [0.8, 0.98])})
     assert answers(whole)[0].endswith("That is the largest fleet simulated.")
     assert "8 workers, is not shown to help on fresh ones" in answers(whole)[-1]
+
+
+@pytest.mark.parametrize(
+    ("edge", "shared", "said"),
+    [
+        (Edge(4, discipline="skip"), 1.0, "With N = 16 limit: edge: 4 erlang per robot offered to 4 workers, "
+         "100% of what it can serve; offered to the others: uplink 30%."),
+        (Edge(4, False, "skip"), 16.0, "limit: edge: 64 erlang offered to 4 workers, 1600% of what it can serve"),
+        (Edge(1, False, "skip"), 0.25, "nothing is offered as much as it can serve: most is uplink: 30% of its"),
+    ],
+)  # fmt: skip
+def test_what_limits_is_named(edge: Edge, shared: float, said: str) -> None:
+    fleets = [point(n, [q, q], edge_offered=shared, uplink_offered=0.3) for n, q in ((1, 0.9), (16, 0.1))]
+    study = replace(study_of_points(fleets, Asked(0.5, 0.05)), edge=edge)
+    assert any(said in line for line in answers(study))
+    own = f"edge: {edge.workers} workers for each robot ({16 * edge.workers} in all)." if edge.per_robot else "shared."
+    assert any(line.endswith(own) for line in answers(study))
+    whose = " for each robot" if edge.per_robot else ", shared"
+    assert any(line.startswith(f"Workers{whose}: 1 needs") for line in answers(study))
+
+
+def test_offered_load_is_what_samples_ask_over_what_is_there() -> None:
+    """Model, section 12: N / tau samples a second, each of its mean slots and seconds of a worker."""
+    cell = config("network.compute.mean=0.2", "network.compute.std=0.001", "network.edge.workers=4").study(16, None)
+    network: Any = cell.build_network()
+    load = Load(30, 16, 0.1)
+    found = offered_load(network, load)
+    assert found["edge"] == pytest.approx(0.2 / 0.1 / 4, rel=1e-3)
+    slots = network.uplink.mean_size(network.harq_max)
+    assert found["uplink"] == pytest.approx(160 * slots / network.free_slots_per_s("uplink"))
+    few = config("network.compute.mean=0.2", "network.compute.std=0.001", "network.edge.per_robot=false")
+    shared: Any = few.study(16, None).build_network()
+    crowded = offered_load(shared, load)
+    assert crowded["edge"] == pytest.approx(32.0, rel=1e-3)
+    assert crowded["downlink"] == pytest.approx(found["downlink"] / 32, rel=1e-3)  # only what is computed goes down
+    assert edge_text(network.edge, 16) == "edge: 4 workers for each robot (64 in all)"
+    assert edge_text(shared.edge, 16) == "edge: 1 worker shared"
+    free = config("network=paper", "network.edge.discipline=unlimited").study(2, None)
+    assert offered_load(free.build_network(), load) == {}
 
 
 def test_the_step_to_change_first_is_chosen_on_other_seeds_than_it_is_judged_on() -> None:

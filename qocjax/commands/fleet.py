@@ -185,7 +185,7 @@ def _simulate(config: FleetConfig, runner: _Runner) -> tuple[FleetStudy, Runs]:
         {given: map_table(each, given) for given, each in cells.items()},
         {given: need_table(each, given, asked) for given, each in cells.items()},
         _steps(config, runner, scale, largest) if options.steps else pd.DataFrame(),
-        asked, largest, limit, scale,
+        asked, largest, limit, scale, getattr(runs[points[0].robots][1].network, "edge", None),
     )  # fmt: skip
     return study, runs
 
@@ -246,6 +246,9 @@ def fleet_text(study: FleetStudy) -> str:
     for use, name in (("uplink_usage", "up"), ("edge_usage", "edge"), ("downlink_usage", "down")):
         if use in rows:
             table[name] = rows[use].map("{:.0%}".format)
+        if (offered := use.replace("usage", "offered")) in rows:
+            text = "{:.2f} erl" if name == "edge" else "{:.0%}"
+            table[f"{name} offered"] = rows[offered].map(text.format)
     marks = np.select([study.asked.too_close(rows), study.asked.not_shown(rows)], [" !", " ?"], "")
     close = ["one robot" if is_alone(row["collision_high"]) else collision_text(row) for row in rows.to_dict("records")]
     table["collisions"] = [text + mark for text, mark in zip(close, marks, strict=True)]

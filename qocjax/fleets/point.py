@@ -11,6 +11,7 @@ from qocjax.network.estimate import usage
 from qocjax.statistics.collisions import collision_share
 from qocjax.statistics.scores import Scores, seed_scores
 from qocjax.statistics.units import units_in
+from qocjax.study.capacity import offered_load
 from qocjax.study.chosen import design_at, place_of
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, reliability_of
@@ -60,6 +61,7 @@ def point_of(study: Study, problem: Problem) -> Point:
     }  # fmt: skip
     for name, (used, spread) in usage(problem.network, deadline, load).items():
         row |= {f"{name}_usage": used, f"{name}_usage_se": spread}
+    row |= {f"{name}_offered": share for name, share in offered_load(problem.network, load).items()}
     row |= _policies(study.policies) | {"seeds": collided.size}
     return Point(robots, deadline, selection, judged.values, collided, units, row)
 

@@ -11,13 +11,16 @@ import pandas as pd
 
 from qocjax.fleets.limits import Asked, Crossing, crossing, keeps, largest_fleet
 from qocjax.fleets.point import Point
+from qocjax.network.edge import Edge
 from qocjax.quality import QocScale
 from qocjax.statistics.collisions import ALONE, is_alone
 from qocjax.statistics.estimates import paired
 from qocjax.statistics.together import told_apart
+from qocjax.study.capacity import edge_text
 
 __all__ = ["FleetStudy", "answers", "collision_text", "map_table", "need_table", "points_table", "steps_table"]
 
+_FULL = 0.95  # of what it can serve: what is offered as much has no room left for chance
 _SAME = 0.01  # of what there is: by less, use tells nothing of the fleet
 USES = ("uplink_usage", "edge_usage", "downlink_usage")
 
@@ -35,6 +38,7 @@ class FleetStudy:
     largest: int | None  # fleet that keeps what is asked
     limit: Crossing  # where QoC passes the target, between fleets
     scale: QocScale
+    edge: Edge | None = None  # of the network
 
 
 def points_table(points: Sequence[Point]) -> pd.DataFrame:
@@ -103,7 +107,7 @@ def find_limit(points: Sequence[Point], asked: Asked) -> tuple[int | None, Cross
 
 def answers(study: FleetStudy) -> list[str]:
     """What follows, a sentence or two each."""
-    return [_largest(study), *_admission(study), *_needs(study), *_first(study)]
+    return [_largest(study), *_admission(study), *_limit(study), *_needs(study), *_first(study)]
 
 
 def _largest(study: FleetStudy) -> str:
@@ -171,8 +175,37 @@ def _admission(study: FleetStudy) -> list[str]:
     return [text]
 
 
+def _limit(study: FleetStudy) -> list[str]:
+    """What is offered most of what it can serve, at the first fleet that misses what is asked, or the largest one."""
+    rows = study.points.set_index("robots", drop=False)
+    beyond = rows[rows["robots"] > (study.largest or 0)]
+    row = (beyond if len(beyond) else rows.iloc[-1:]).iloc[0]
+    loads = {name: row[f"{name}_offered"] for name in ("edge", "uplink", "downlink") if f"{name}_offered" in rows}
+    there = [] if study.edge is None else [f"{edge_text(study.edge, int(row['robots']))}."]
+    if not loads:
+        return there
+    most = max(loads, key=lambda name: loads[name])
+    words = f"{most}: {_offered(study, most, loads[most])}"
+    others = [f"{name} {share:.0%}" for name, share in loads.items() if name != most]
+    rest = f"; offered to the others: {', '.join(others)}" if others else ""
+    start = f"With N = {row['robots']:g}"
+    if loads[most] >= _FULL:
+        return [f"{start} limit: {words}, {loads[most]:.0%} of what it can serve{rest}.", *there]
+    return [f"{start} nothing is offered as much as it can serve: most is {words}, {loads[most]:.0%} of it{rest}. What "
+            "counts is how long loops take and how robots meet.", *there]  # fmt: skip
+
+
+def _offered(study: FleetStudy, name: str, share: float) -> str:
+    if name != "edge" or study.edge is None:
+        return f"{share:.0%} of its slots offered"
+    workers = f"{study.edge.workers} worker{'' if study.edge.workers == 1 else 's'}"
+    erlang = f"{share * study.edge.workers:.3g} erlang"
+    return f"{erlang} per robot offered to {workers}" if study.edge.per_robot else f"{erlang} offered to {workers}"
+
+
 def _needs(study: FleetStudy) -> list[str]:
-    words = {"prbs": "Resource blocks", "workers": "Workers"}
+    whose = "" if study.edge is None else " for each robot" if study.edge.per_robot else ", shared"
+    words = {"prbs": "Resource blocks", "workers": f"Workers{whose}"}
     return [
         f"{words[given]}: {'; '.join(map(_need, table.to_dict('records')))}.{_unshown(study, study.maps[given])}"
         for given, table in study.needs.items()

@@ -30,7 +30,7 @@ from qocjax.report.parts import chart_place
 from qocjax.report.replay import replay_data
 from qocjax.report.stages import replay_html
 from qocjax.store.provenance import provenance
-from qocjax.study.capacity import at_once_text
+from qocjax.study.capacity import at_once_text, edge_text
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of, share_text
 from qocjax.study.study import Study
@@ -103,7 +103,11 @@ def _facts(study: FleetStudy, config: FleetConfig, runs: Mapping[int, tuple[Stud
         "(upper 95 % end)",
         "Key": str(config.key),
         "Computations at once": escape(at_once),
-    }
+    } | (
+        {}
+        if study.edge is None
+        else {"Edge": escape(edge_text(study.edge, int(study.points["robots"].iloc[-1])).removeprefix("edge: "))}
+    )
 
 
 def _fleets(study: FleetStudy) -> str:
@@ -142,12 +146,21 @@ def _table(study: FleetStudy, uses: Sequence[str]) -> str:
             str(row["robots"]), number(1e3 * row["deadline"]), share_text(row["reliability"], row["reliability_se"]),
             f'<strong class="warn">{score}</strong>' if row["qoc"] < study.asked.qoc else score,
             *(plus_minus(row[f"{prefix}qoc"], row[f"{prefix}qoc_se"]) for prefix in policies),
-            *(percent(row[use]) for use in uses), share, plus_minus(row["auc"], row["auc_se"], ".3f"),
+            *(_in_use(row, use) for use in uses), share, plus_minus(row["auc"], row["auc_se"], ".3f"),
         ])  # fmt: skip
     bold = [row["robots"] == study.largest for row in study.points.to_dict("records")]
     return _scrolled("Fleets", heads, [
         [f"<strong>{row[0]}</strong>" if strong else row[0], *row[1:]] for row, strong in zip(rows, bold, strict=True)
     ])  # fmt: skip
+
+
+def _in_use(row: Mapping[str, Any], use: str) -> str:
+    """Share in use, and what is offered."""
+    offered = row.get(use.replace("usage", "offered"))
+    if offered is None:
+        return percent(row[use])
+    what = f"{offered:.2f} erlang a worker" if use == "edge_usage" else percent(offered)
+    return f"{percent(row[use])} ({what} offered)"
 
 
 def _needs(study: FleetStudy) -> str:

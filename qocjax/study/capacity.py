@@ -6,12 +6,13 @@ import numpy as np
 
 from qocjax.network.cell import CellNetwork
 from qocjax.network.computing import computations_at_once
+from qocjax.network.edge import Edge
 from qocjax.network.interface import Load, Network
 from qocjax.study.problem import Problem
 from qocjax.study.reliability import load_of
 from qocjax.study.study import Study
 
-__all__ = ["at_once_text", "overload_texts", "usual_load"]
+__all__ = ["at_once_text", "edge_text", "offered_load", "overload_texts", "usual_load"]
 
 
 def usual_load(study: Study, problem: Problem) -> tuple[Load, float]:
@@ -39,6 +40,38 @@ def at_once_text(network: Network, load: Load, deadline: float) -> str:
     )
 
 
+def offered_load(network: Network, load: Load) -> dict[str, float]:
+    """What is offered to each thing that is scarce, as a share of what it can serve; nothing where nothing is.
+
+    Of the edge that is the erlangs of computing that each worker is offered, were every sample to reach it.
+
+    Args:
+        network: Where loops come from.
+        load: What it carries.
+    """
+    found: dict[str, float] = {}
+    edge, samples = getattr(network, "edge", None), load.num_robots / load.tau  # 1/s
+    law = getattr(getattr(network, "path", network), "compute", None)
+    computed = samples
+    if edge is not None and edge.finite and law is not None:
+        mean = float(np.mean(law.quantile((np.arange(2000) + 0.5) / 2000)))
+        found["edge"] = samples * mean / edge.total(load.num_robots)
+        computed = samples / max(found["edge"], 1.0)
+    if isinstance(network, CellNetwork):
+        for way, messages in (("uplink", samples), ("downlink", computed)):
+            slots = getattr(network, way).mean_size(network.harq_max)
+            found[way] = messages * slots / network.free_slots_per_s(way)
+    return found
+
+
+def edge_text(edge: Edge, num_robots: int) -> str:
+    """How many workers there are, and whose."""
+    if not edge.finite:
+        return "edge: workers without limit"
+    workers = f"edge: {edge.workers} worker{'' if edge.workers == 1 else 's'}"
+    return f"{workers} for each robot ({edge.total(num_robots):g} in all)" if edge.per_robot else f"{workers} shared"
+
+
 def overload_texts(network: Network, load: Load, deadline: float) -> list[str]:
     """A line for each queue that is offered more than it can serve: its delay grows without bound.
 
@@ -47,19 +80,13 @@ def overload_texts(network: Network, load: Load, deadline: float) -> list[str]:
         load: What it carries.
         deadline: Delta (s), for which it is said when the queue alone passes it.
     """
-    offered = {}
     edge = getattr(network, "edge", None)
-    if edge is not None and edge.discipline == "fifo" and not edge.abort:
-        law = getattr(getattr(network, "path", network), "compute", None)
-        if law is not None:
-            mean = float(np.mean(law.quantile((np.arange(2000) + 0.5) / 2000)))
-            offered["the edge (fifo)"] = load.num_robots * mean / (load.tau * edge.total(load.num_robots))
-    if isinstance(network, CellNetwork):
-        for way in ("uplink", "downlink"):
-            if way == "downlink" and edge is not None and edge.finite:
-                continue  # only what was computed goes down
-            slots = getattr(network, way).mean_size(network.harq_max)
-            offered[f"the {way} of the cell"] = load.num_robots * slots / (load.tau * network.free_slots_per_s(way))
+    # Other disciplines drop what finds no worker, and of a finite edge only what was computed goes down.
+    grows = {"uplink": "the uplink of the cell"}
+    grows |= {"edge": "the edge (fifo)"} if edge is not None and edge.discipline == "fifo" and not edge.abort else {}
+    grows |= {} if edge is not None and edge.finite else {"downlink": "the downlink of the cell"}
+    found = offered_load(network, load)
+    offered = {text: found[name] for name, text in grows.items() if name in found}
     return [
         f"{what} is offered {share:.0%} of what it can serve: delay grows without bound, by {share - 1.0:.2g} s a "
         f"second, and passes {1e3 * deadline:g} ms after {deadline / (share - 1.0):.2g} s"
