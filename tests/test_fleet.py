@@ -298,6 +298,15 @@ def test_offered_load_is_what_samples_ask_over_what_is_there() -> None:
     assert offered_load(free.build_network(), load) == {}
 
 
+def test_a_target_on_a_scale_of_its_own_prints_that_for_what_ifs() -> None:
+    study = study_of_points(FALLING, Asked(0.5, 0.05))
+    assert not any("fleet.j_med" in line for line in answers(study))
+    own = replace(study, absolute=True, scale=QocScale(0.1 + 0.2, 2.5))
+    options = re.findall(r"fleet\.\S+=\S+", answers(own)[-1])
+    given = config("fleet.target=0.5", *options)
+    assert given.scale() == own.scale  # to the bit
+
+
 def test_the_step_to_change_first_is_chosen_on_other_seeds_than_it_is_judged_on() -> None:
     base = point(4, [0.5, 0.52, 0.48])
     lucky = point(4, [0.9, 0.9, 0.92], selection=[0.5, 0.5, 0.5])

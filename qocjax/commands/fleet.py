@@ -186,6 +186,7 @@ def _simulate(config: FleetConfig, runner: _Runner) -> tuple[FleetStudy, Runs]:
         {given: need_table(each, given, asked) for given, each in cells.items()},
         _steps(config, runner, scale, largest) if options.steps else pd.DataFrame(),
         asked, largest, limit, scale, getattr(runs[points[0].robots][1].network, "edge", None),
+        options.target is not None and config.scale() is None,
     )  # fmt: skip
     return study, runs
 

@@ -39,6 +39,7 @@ class FleetStudy:
     limit: Crossing  # where QoC passes the target, between fleets
     scale: QocScale
     edge: Edge | None = None  # of the network
+    absolute: bool = False  # whether the target was given as a QoC, on the scale of this study alone
 
 
 def points_table(points: Sequence[Point]) -> pd.DataFrame:
@@ -107,7 +108,15 @@ def find_limit(points: Sequence[Point], asked: Asked) -> tuple[int | None, Cross
 
 def answers(study: FleetStudy) -> list[str]:
     """What follows, a sentence or two each."""
-    return [_largest(study), *_admission(study), *_limit(study), *_needs(study), *_first(study)]
+    return [_largest(study), *_admission(study), *_limit(study), *_needs(study), *_first(study), *_own_scale(study)]
+
+
+def _own_scale(study: FleetStudy) -> list[str]:
+    """How another study gets the scale that a given target is meant on."""
+    if not study.absolute:
+        return []
+    return [f"The target is a QoC on this study's own J_med and J_max, which another network changes: compare what-ifs "
+            f"with fleet.j_med={float(study.scale.median)!r} fleet.j_max={float(study.scale.largest)!r}"]  # fmt: skip
 
 
 def _largest(study: FleetStudy) -> str:
