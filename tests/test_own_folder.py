@@ -84,3 +84,19 @@ def test_a_folder_used_again_has_no_stale_tables(tmp_path: Path) -> None:
         (tmp_path / "finals.csv").write_text("2")
     assert (tmp_path / "finals.csv").read_text() == "2" and mine.read_text() == "of the user"
     assert not (tmp_path / "workers.csv").exists() and not (tmp_path / "figures/front.png").exists()
+
+
+@pytest.mark.parametrize("command", ["sweep", "fleet", "tune"])
+def test_what_work_goes_on_with_stays_and_what_another_run_no_longer_writes_goes(command: str, tmp_path: Path) -> None:
+    kept = ["study.json", "chunks/0.npz", "parts/robots-1/study.json", "parts/robots-1/chunks/0.npz"]
+    stale = ["steps.csv", "map_prbs.csv", "figures/maps.png", "figures/steps.png", "report.html"]
+    with claimed(tmp_path, command):
+        for name in (*kept, *stale, "results.csv"):
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / name).write_text("1")
+    for path in tmp_path.rglob("*.*"):
+        os.utime(path, (1e9, 1e9))
+    with claimed(tmp_path, command):
+        (tmp_path / "results.csv").write_text("2")
+    assert all((tmp_path / name).exists() for name in (*kept, "results.csv"))
+    assert not any((tmp_path / name).exists() for name in stale)

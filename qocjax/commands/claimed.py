@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from qocjax.store.lock import locked
-from qocjax.store.study_folder import CHUNKS, STUDY, command_of
+from qocjax.store.study_folder import CHUNKS, PARTS, STUDY, command_of
 
 __all__ = ["claimed"]
 
 _WRITTEN = ".written.json"  # names of what the last run wrote, so that the next one knows what is stale
 # What a process that was killed had under way.
 _HALF_WRITTEN = re.compile(r"\..+(\.[0-9a-f]{32}|-[a-z0-9_]{8})\.(png|pdf|csv|parquet|json|yaml|html)")
-_KEEPING = ("sweep", "fleet")  # go on with what is there
+_KEPT = (CHUNKS, STUDY, PARTS)  # what work goes on with
 
 
 @contextmanager
@@ -37,9 +37,6 @@ def claimed(folder: Path, command: str) -> Iterator[None]:
         for path in folder.rglob(".*"):
             if _HALF_WRITTEN.fullmatch(path.name):
                 path.unlink(missing_ok=True)
-        if command in _KEEPING:
-            yield
-            return
         told, before = _read(folder / _WRITTEN), _files(folder)
         yield
         after = _files(folder)
@@ -53,7 +50,7 @@ def _files(folder: Path) -> dict[str, int]:
     """When each file was last changed, by its name in the folder; without what work goes on with."""
     found = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     names = {path.relative_to(folder): path for path in found}
-    return {str(name): path.stat().st_mtime_ns for name, path in names.items() if name.parts[0] not in (CHUNKS, STUDY)}
+    return {str(name): path.stat().st_mtime_ns for name, path in names.items() if name.parts[0] not in _KEPT}
 
 
 def _read(path: Path) -> list[str]:

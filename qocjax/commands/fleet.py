@@ -37,7 +37,7 @@ from qocjax.statistics.collisions import is_alone
 from qocjax.statistics.scales import scale_text
 from qocjax.store import write_config, write_json, write_table
 from qocjax.store.provenance import provenance
-from qocjax.store.study_folder import RECORD, study_folder
+from qocjax.store.study_folder import PARTS, RECORD, study_folder
 from qocjax.study.capacity import overload_texts
 from qocjax.study.chunks import Engine
 from qocjax.study.engine import LocalEngine
@@ -51,8 +51,6 @@ __all__ = ["fleet_text", "main", "run"]
 T = TypeVar("T")
 Runs = Mapping[int, tuple[Study, Problem]]  # of each fleet
 _Fleet = tuple[Point, Study, Problem]
-
-PARTS = "parts"  # folder of the studies that a fleet study is made of
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from qocjax.store.owner import owner_of, strangeness
 
 __all__ = [
     "CHUNKS",
+    "PARTS",
     "RECORD",
     "STUDY",
     "ChunkFolder",
@@ -34,6 +35,7 @@ __all__ = [
 
 STUDY = "study.json"  # what the folder belongs to, written before anything is computed
 CHUNKS = "chunks"
+PARTS = "parts"  # studies that a fleet study is made of
 RECORD = "record.json"  # what it came to, written when all else is
 
 # Options that one command alone has, and which.
