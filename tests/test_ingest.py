@@ -244,6 +244,12 @@ def test_nothing_to_read_is_an_error(composer: None, tmp_path: Path) -> None:
         ingest(tmp_path, "stamps=cleave", "stamps.files='udpclient.plant.{loop}.csv'")
 
 
+def test_a_histogram_is_told_where_it_goes(composer: None, tmp_path: Path) -> None:
+    (tmp_path / "up.xml").write_text("<histogram/>", encoding="utf-8")
+    with pytest.raises(ValueError, match="is a law: network=loop delay@network.uplink.delay=histogram"):
+        ingest(tmp_path / "up.xml")
+
+
 def test_without_rosbags_a_bag_says_what_is_missing(
     folder: Path, composer: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,6 +24,10 @@ __all__ = ["Labels", "find_runs"]
 
 _OWN = ("sequence", "uplink_send", "downlink_receive", "records", "edge_files")  # of a layout that was chosen
 
+# Delays that are counted tell no order of loops, and are a law of one way.
+_HISTOGRAM = ("; a histogram of delays is a law: network=loop delay@network.uplink.delay=histogram "
+              "network.uplink.delay.path={}")  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Labels:
@@ -150,7 +154,7 @@ class _Finder:
         if not is_table(path):
             raise ValueError(
                 f"path: got {path}, expected a bag (.db3, .mcap) or a table ({', '.join(TABLES)}), or the log of a "
-                f"tool: {', '.join(FORMATS)}"
+                f"tool: {', '.join(FORMATS)}" + (_HISTOGRAM.format(path) if path.suffix == ".xml" else "")
             )
         return RunFiles(_stem(path), stamps=tuple(_pairs([path], self.stamps, chosen=True)))
 
