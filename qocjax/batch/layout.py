@@ -24,9 +24,8 @@ __all__ = ["LANES", "Batch", "Group", "batches_of", "groups_of"]
 LANES = 32
 
 # Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
-# all sampling periods run on a few general programs, whose ticks beyond the horizon have no length. A second of a core
-# at most, which a program takes twice to compile.
-_WORTH_A_PROGRAM = 4e8
+# all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
+_WORTH_A_PROGRAM = 1e8
 
 _FEW_SLOTS = 16  # of the command buffer, up to which a power of two costs nothing and serves many deadlines
 
