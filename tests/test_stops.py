@@ -136,9 +136,10 @@ def test_what_puts_itself_away_has_time_to_but_a_second_signal_ends_it(tmp_path:
         assert process.wait(30) == 130
     assert not list(tmp_path.iterdir())
     slow = "print('on its way', flush=True); hashlib.pbkdf2_hmac('md5', b'', b'', 2**31 - 1)"
-    with started(f"try: time.sleep(60)\n        finally: {slow}") as process:
+    with started(f"try: print('there', flush=True); time.sleep(60)\n        finally: {slow}") as process:
+        assert process.stdout is not None and process.stdout.readline() == "there\n"
         process.send_signal(signal.SIGTERM)
-        assert process.stdout is not None and process.stdout.readline() == "on its way\n"
+        assert process.stdout.readline() == "on its way\n"
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 143
 

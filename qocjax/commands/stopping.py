@@ -34,6 +34,7 @@ class _Ending:
         self.how: Callable[[], str] = lambda: _AGAIN
         self.number: int | None = None  # of the signal that came
         self.orderly = False  # whether an exception finds what puts things away
+        self._is_putting_away = False  # since one was raised
         self._once, self._at_it = threading.Lock(), 0  # and the thread that ends it
         heard, told = socket.socketpair()  # to which the signal itself writes, whatever the main thread is doing
         told.setblocking(False)
@@ -50,7 +51,7 @@ class _Ending:
         if not self.orderly:
             self.end()
             return  # to where this thread is at it
-        self.orderly = False  # a second signal ends it at once
+        self._is_putting_away, self.orderly = True, False  # a second signal ends it at once
         sys.unraisablehook = threading.excepthook = _ignored  # what threads and callbacks now stumble over
         raise KeyboardInterrupt
 
@@ -59,7 +60,7 @@ class _Ending:
         while (number := self._heard.recv(1)[0]) not in _SIGNALS:
             pass
         self.number = self.number or number
-        if self.orderly:
+        if self.orderly or self._is_putting_away:  # whichever thread is first
             self._heard.settimeout(_GRACE)
             with suppress(TimeoutError):
                 self._heard.recv(1)
