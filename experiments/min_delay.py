@@ -9,7 +9,6 @@ and `min_delay.png`. Chosen on half as many seeds, judged on others; differences
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from experiments.observations import EDGES, RESULTS
+from experiments.observations import EDGES, asked
 from experiments.settings import GRIDS, Bench
 from qocjax import evaluate
 from qocjax._xla import request_whole_loop
@@ -107,15 +106,9 @@ def text(table: pd.DataFrame) -> str:
 
 def main() -> None:
     """Writes table and figure, and prints a line for each share."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=256, help="to judge on; half as many others to choose on")
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    given = parser.parse_args()
-    if given.seeds < 4:
-        parser.error(f"--seeds: got {given.seeds}, expected at least 4")
+    given = asked(__doc__)
     request_whole_loop()
     table = pd.concat([losses(edge, Bench(setting, given.seeds)) for edge, setting in EDGES.items()], ignore_index=True)
-    given.out.mkdir(parents=True, exist_ok=True)
     table.to_csv(given.out / "min_delay.csv", index=False, float_format="%.5g")
     draw(table).savefig(given.out / "min_delay.png", dpi=150)
     print(text(table))

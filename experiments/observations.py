@@ -96,17 +96,23 @@ def page(found: Found, seeds: int) -> str:
     ])  # fmt: skip
 
 
-def main() -> None:
-    """Writes table and page, and prints the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def asked(about: str | None) -> argparse.Namespace:
+    """Seeds to judge on, and the folder of the results, of the command line; the folder is made."""
+    parser = argparse.ArgumentParser(description=(about or "").splitlines()[0])
     parser.add_argument("--seeds", type=int, default=256, help="to judge on; half as many others to choose on")
     parser.add_argument("--out", type=Path, default=RESULTS)
     given = parser.parse_args()
     if given.seeds < 4:
         parser.error(f"--seeds: got {given.seeds}, expected at least 4")
+    given.out.mkdir(parents=True, exist_ok=True)
+    return given
+
+
+def main() -> None:
+    """Writes table and page, and prints the page."""
+    given = asked(__doc__)
     request_whole_loop()
     found = judged(given.seeds)
-    given.out.mkdir(parents=True, exist_ok=True)
     table(found, given.seeds).to_csv(given.out / "observations.csv", index=False, float_format="%.5g")
     text = page(found, given.seeds)
     (given.out / "observations.md").write_text(text, encoding="utf-8")

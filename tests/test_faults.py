@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+from wrong_inputs import leaves
 
 from qocjax import open_study
 from qocjax.config import conf_dir
@@ -49,14 +50,6 @@ def sweep(options: list[str], environment: dict[str, str], before: str = "") -> 
 
 
 # Malformed configurations
-
-
-def leaves(values: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict) and value:
-            yield from leaves(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def default() -> dict[str, Any]:

@@ -15,7 +15,7 @@ __all__ = ["claimed"]
 
 _WRITTEN = ".written.json"  # names of what the last run wrote, so that the next one knows what is stale
 # What a process that was killed had under way.
-_HALF_WRITTEN = re.compile(r"\..+(\.[0-9a-f]{32}|-[a-z0-9_]{8})\.(png|pdf|csv|parquet|json|yaml|html)")
+_HALF_WRITTEN = re.compile(r"\..+(\.[0-9a-f]{32}|-[a-z0-9_]{8})\.(png|pdf|gif|mp4|csv|parquet|json|yaml|html|txt)")
 _KEPT = (CHUNKS, STUDY, PARTS)  # what work goes on with
 
 

@@ -95,7 +95,7 @@ class Command:
             if os.environ.get("QOCJAX_TRACEBACK"):
                 raise
             cause = error.__cause__  # the log that cannot be written comes out as a ValueError of `logging`
-            _fail(cause if isinstance(cause, OSError) else error)
+            _fail(cause if isinstance(cause, OSError) else error, self.name)
 
     def _composed(self) -> None:
         """Composes the options, and does what they ask."""
@@ -220,15 +220,16 @@ def _of_nav2(arguments: list[str]) -> list[str]:
     return found
 
 
-def _fail(error: Exception) -> NoReturn:
-    """Ends the program with an error in one line."""
+def _fail(error: Exception, command: str | None = None) -> NoReturn:
+    """Ends the program with an error in one line, of a command's options where they were being composed."""
     text = str(error).partition("Config search path")[0].strip()  # Hydra lists folders there
     text = text.removeprefix("ValueError raised while resolving interpolation: ")
     if isinstance(error, OSError) and error.filename and error.strerror:
         text = f"{error.filename}: {error.strerror}"
     for lines, line in ((r":\s*\n\s*", ": "), (r"\.\s*\n\s*", ". "), (r"\s*\n\s*", ", ")):
         text = re.sub(lines, line, text)
-    text = unknown_option(text)
+    if command is not None:
+        text = unknown_option(text, command)
     print(f"error: {text if len(text) <= _LONGEST else text[:_LONGEST] + ' ...'}", file=sys.stderr)
     sys.exit(2)
 

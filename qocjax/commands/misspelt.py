@@ -32,13 +32,13 @@ def check_options(arguments: Sequence[str], command: str) -> None:
         raise ValueError(f"command line: got {argument}, expected option=value{meant}")
 
 
-def unknown_option(text: str) -> str:
-    """What Hydra says, in our words where it is of an option that is not there."""
+def unknown_option(text: str, command: str) -> str:
+    """What Hydra says of a command's options, in our words where it is of one that is not there."""
     if (found := re.match(r"Could not override '([^']+)'", text)) is None:
         return text
     name = found[1].partition("@")[0].replace("/", ".")
     last = name.rpartition(".")[2]
-    known = set(_names())
+    known = set(_names(command))
     # Of equal ends the whole name is meant, as in `tau` for `loop.tau`; else what is spelt alike.
     near = sorted(each for each in known if each.rpartition(".")[2] == last and each != name)[:3]
     near = near or difflib.get_close_matches(name, known, 1)
@@ -46,11 +46,21 @@ def unknown_option(text: str) -> str:
     return f"{found[1]}: got an unknown option, expected one that --help lists{meant}"
 
 
-def _names() -> Iterator[str]:
-    """Groups and options of all files of the configuration."""
+def _names(command: str) -> Iterator[str]:
+    """Groups and options that a command has, of all choices."""
     import yaml
 
     root = Path(conf_dir())
+    own = yaml.safe_load((root / f"{command}.yaml").read_text(encoding="utf-8"))
+    heads = {*own, *(group for each in own["defaults"] if isinstance(each, Mapping) for group in each)}
+    for name in _names_of_files(root):
+        if name.partition(".")[0] in heads:
+            yield name
+
+
+def _names_of_files(root: Path) -> Iterator[str]:
+    import yaml
+
     for path in root.rglob("*.yaml"):
         content = path.read_text(encoding="utf-8")
         group = path.parent.relative_to(root).as_posix()

@@ -83,13 +83,8 @@ def _oldest(peak: float, deadline: float, tau: float, rules: Rules) -> tuple[flo
     rest = float(split_deadline(np.float64(deadline), np.float64(tau))[1]) if rules.actuation == "deadline" else 0.0
     oldest, missed = peak + (rest or tau), deadline + 2.0 * tau
     often = f"99 % of the simulated runs had no command older than {oldest:.3g} s"
-    return _in_50_ms(
-        max(oldest, missed)
-    ), often if oldest >= missed else f"deadline + 2 tau, for a missed loop; {often}"
-
-
-def _in_50_ms(age: float) -> float:
-    return math.ceil(round(age * 20, 6)) / 20
+    why = often if oldest >= missed else f"deadline + 2 tau, for a missed loop; {often}"
+    return math.ceil(round(max(oldest, missed) * 20, 6)) / 20, why
 
 
 def horizon(plugin: Plugin | None) -> float:

@@ -141,9 +141,9 @@ def study_folder(
     try:
         (folder / CHUNKS).mkdir(parents=True, exist_ok=True)
         with locked(folder):
-            plain = json.loads(json.dumps(dict(identity)))
-            _begin(folder, plain, data)
-            chunks = ChunkFolder(folder / CHUNKS, note, owner_of(plain, data))
+            options = json.loads(json.dumps(dict(identity)))
+            _begin(folder, options, data)
+            chunks = ChunkFolder(folder / CHUNKS, note, owner_of(options, data))
             chunks.tidy()
             yield chunks
     except KeyboardInterrupt:
