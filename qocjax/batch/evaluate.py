@@ -141,7 +141,7 @@ def run_grid(
     wanted = np.isin(np.arange(len(grid["tau"])), rows)
     chosen = [replace(group, designs=group.designs[wanted[group.designs]]) for group in groups]
     work = [group for group in chosen if len(group.designs)]
-    batches = batches_of(work, len(numbers), scenario.num_robots, max_runs, snug=controller.costly)
+    batches = batches_of(work, len(numbers), total, scenario.num_robots, max_runs, snug=controller.costly)
     # All that the batches and their bits follow from.
     values = (
         scenario, grid, rows, network, numbers, total, measure, rules, key, width.str, max_runs, in_blocks, controller,

@@ -18,14 +18,23 @@ from qocjax.network.interface import general_length
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.scenario import num_ticks
 
-__all__ = ["LANES", "Batch", "Group", "batches_of", "groups_of"]
+__all__ = ["LANES", "WIDEST", "Batch", "Group", "batches_of", "groups_of"]
 
 # Seeds of one batch: whole vector registers, and few enough that their schedule stays in cache beside many designs.
 LANES = 32
 
+# Seeds of a batch of few designs, which would else be over before it was worth its call, and the most loops of all of
+# them: beyond, memory comes from the system anew for each batch, which takes longer than the batch.
+WIDEST = 4 * LANES
+_WIDE = (WIDEST, 2 * LANES)
+_MOST_LOOPS = 1 << 19
+
 # Robot-steps at one tau from which a program made for it saves more time than its compilation takes. Below, designs of
 # all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
 _WORTH_A_PROGRAM = 1e8
+
+# Ticks of the shortest general program, where designs have one sampling period and where several share programs.
+_SHORTEST, _SHARED = 256, 2048
 
 _FEW_SLOTS = 16  # of the command buffer, up to which a power of two costs nothing and serves many deadlines
 
@@ -88,14 +97,16 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     designs = Counter[float]()
     for group in groups:
         designs[group.tau] += len(group.designs)
-    little = {g.tau for g in groups if designs[g.tau] * runs_each * general_length(g.ticks) < _WORTH_A_PROGRAM}
+    least = _SHORTEST if len(designs) == 1 else _SHARED
+    lengths = {group.tau: general_length(group.ticks, least) for group in groups}
+    little = {tau for tau, length in lengths.items() if designs[tau] * runs_each * length < _WORTH_A_PROGRAM}
     longest = max(little, default=0.0)
     slots = _next_power(max((group.slots for group in groups if group.tau in little), default=1), 4)
     mid_tick = None if rules.actuation == "deadline" else False
     return [
         replace(
             group,
-            length=general_length(group.ticks),
+            length=lengths[group.tau],
             mid_tick=mid_tick,
             slots=slots,
             longest_period=longest,
@@ -108,30 +119,44 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
 
 
 def batches_of(
-    groups: list[Group], num_seeds: int, num_robots: int, max_runs: int, snug: bool = False
+    groups: list[Group], num_seeds: int, total_seeds: int, num_robots: int, max_runs: int, snug: bool = False
 ) -> Iterator[Batch]:
     """Cuts groups into batches of about `max_runs` runs, those that share loop times one after the other.
 
     Args:
         groups: From `groups_of`.
         num_seeds: S.
+        total_seeds: Of the whole study, of which these may be a part; the width of batches hangs on it.
         num_robots: N; a batch holds fewer runs where each has more robots.
         max_runs: Runs of a batch with two robots.
         snug: Whether batches are made as small as their designs allow, at the price of more programs.
     """
-    lanes = min(num_seeds, LANES, max(1, max_runs))
-    most_rows = max(1, max_runs * 2 // (max(num_robots, 2) * lanes))
-    for tau in dict.fromkeys(group.tau for group in groups):
-        for first in range(0, num_seeds, lanes):
-            places = np.arange(first, min(first + lanes, num_seeds))
-            seeds, real_seeds = _filled(places, len(places) if snug else lanes)
-            for group in (g for g in groups if g.tau == tau):
-                designs = len(group.designs)
-                rows = min(designs, most_rows) if snug else _rows(designs, most_rows, group.general)
-                for start in range(0, designs, rows):
-                    part = group.designs[start : start + rows]
-                    chosen, real_designs = _filled(part, len(part) if snug else rows)
-                    yield Batch(group, chosen, seeds, real_designs, real_seeds)
+    runs = max_runs * 2 // max(num_robots, 2)
+    lanes = [_lanes(group, num_robots, total_seeds, runs, snug) for group in groups]
+    for tau, width in dict.fromkeys((group.tau, each) for group, each in zip(groups, lanes, strict=True)):
+        own = [group for group, each in zip(groups, lanes, strict=True) if (group.tau, each) == (tau, width)]
+        for first in range(0, num_seeds, width):
+            places = np.arange(first, min(first + width, num_seeds))
+            seeds = _filled(places, len(places) if snug else width)
+            for group in own:
+                yield from _of_group(group, seeds, max(1, runs // width), snug)
+
+
+def _lanes(group: Group, num_robots: int, total_seeds: int, runs: int, snug: bool) -> int:
+    """Seeds of a batch: more of them where few designs would leave it small."""
+    most = min(total_seeds, runs // len(group.designs), _MOST_LOOPS // (group.length * num_robots))
+    wide = (lanes for lanes in _WIDE if lanes <= most and not snug)
+    return next(wide, min(total_seeds, LANES, max(1, runs)))
+
+
+def _of_group(group: Group, seeds: tuple[np.ndarray, int], most: int, snug: bool) -> Iterator[Batch]:
+    """The batches of one group on some seeds, of at most that many designs."""
+    designs = len(group.designs)
+    rows = min(designs, most) if snug else _rows(designs, most, group.general)
+    for start in range(0, designs, rows):
+        part = group.designs[start : start + rows]
+        chosen, real = _filled(part, len(part) if snug else rows)
+        yield Batch(group, chosen, seeds[0], real, seeds[1])
 
 
 def _rows(num_designs: int, most: int, general: bool) -> int:

@@ -134,7 +134,8 @@ class Runner:
     def _draw_chance(self, batch: Batch) -> Chance:
         """What the seeds of a batch fix."""
         group, device = batch.group, getattr(jax.config, "jax_default_device", None)
-        ticks, tau = draw_length(self.network, group.ticks, group.tau, general_length(group.ticks))
+        length = group.length if group.general else general_length(group.ticks)
+        ticks, tau = draw_length(self.network, group.ticks, group.tau, length)
         network = source_of(self.network)
         args, static = (self.start, self.seeds[batch.seeds], np.int32(self.key)), (self.scenario.start_jitter, network)
         key = (*static, *map(np.shape, args[:2]), self.start.dtype, ticks, tau, device)

@@ -177,9 +177,9 @@ class SharedNetwork(Network, Protocol):
         ...
 
 
-def general_length(ticks: int) -> int:
-    """Ticks of the general program that draws or simulates a run of that many."""
-    length = 2048
+def general_length(ticks: int, least: int = 2048) -> int:
+    """Ticks of the general program that draws or simulates a run of that many; `least` is those of the shortest."""
+    length = least
     while length < ticks:
         length *= 2
     return length
