@@ -10,8 +10,10 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import xarray as xr
 
-from qocjax import Design, Scenario, evaluate, paper_network
+from qocjax import Design, Rules, Scenario, evaluate, paper_network
+from qocjax.batch.layout import batches_of, groups_of
 
 ROOT = Path(__file__).parents[1]
 SWEEP = [
@@ -53,3 +55,20 @@ def test_a_seed_is_the_same_whichever_others_are_evaluated() -> None:
     for name in ("auc", "path_length", "effort", "age_mean"):
         np.testing.assert_allclose(few[name], many[name].sel(seed=range(5)), rtol=2e-4)
         np.testing.assert_allclose(alone[name], many[name].sel(seed=[3]), rtol=2e-4)
+
+
+def test_parts_of_a_study_have_its_bits_however_many_seeds_a_batch_holds() -> None:
+    """Few designs run on 128 seeds at once, and so do their parts of any number of seeds; many on 32."""
+    designs = Design(tau=0.1, deadline=[0.1, 0.2, 0.2, 0.213], kappa=[1.0, 1.0, 2.0, 1.0])
+    groups = groups_of(*(np.broadcast_to(a, 4) for a in (0.1, designs.deadline)), 4.0, Rules(), 2 * 160)
+    widths = {
+        len(group.designs): len(batch.seeds) for group in groups for batch in batches_of([group], 32, 160, 2, 256)
+    }
+    assert widths == {1: 128, 2: 128} and groups[0].length == 256
+    assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 2, 127)] == [64]
+    assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 2, 63)] == [32]
+    with jax.enable_x64(False):
+        whole = evaluate(Scenario(horizon=4.0), designs, paper_network(), range(160))
+        for seeds in (range(32), range(32, 160), [7]):
+            part = evaluate(Scenario(horizon=4.0), designs, paper_network(), range(160), only=([1, 2, 3], seeds))
+            xr.testing.assert_equal(part, whole.isel(design=[1, 2, 3], seed=list(seeds)))
