@@ -60,11 +60,13 @@ def test_a_seed_is_the_same_whichever_others_are_evaluated() -> None:
 def test_parts_of_a_study_have_its_bits_however_many_seeds_a_batch_holds() -> None:
     """Few designs run on 128 seeds at once, and so do their parts of any number of seeds; many on 32."""
     designs = Design(tau=0.1, deadline=[0.1, 0.2, 0.2, 0.213], kappa=[1.0, 1.0, 2.0, 1.0])
-    groups = groups_of(*(np.broadcast_to(a, 4) for a in (0.1, designs.deadline)), 4.0, Rules(), 2 * 160)
+    tau, deadline = (np.broadcast_to(each, 4) for each in (0.1, designs.deadline))
+    groups = groups_of(tau, deadline, 4.0, Rules(), 2 * 1600)
     widths = {
         len(group.designs): len(batch.seeds) for group in groups for batch in batches_of([group], 32, 160, 2, 256)
     }
     assert widths == {1: 128, 2: 128} and groups[0].length == 256
+    assert groups_of(tau, deadline, 4.0, Rules(), 2 * 160)[0].length == 2048  # which others share
     assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 2, 127)] == [64]
     assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 2, 63)] == [32]
     with jax.enable_x64(False):

@@ -33,8 +33,9 @@ _MOST_LOOPS = 1 << 19
 # all sampling periods run on a few general programs, whose ticks beyond the horizon have no length.
 _WORTH_A_PROGRAM = 1e8
 
-# Ticks of the shortest general program, where designs have one sampling period and where several share programs.
-_SHORTEST, _SHARED = 256, 2048
+# Ticks of the shortest general program: where several sampling periods share it, or others may want it next, and where
+# all designs have one and so much work, in robot-steps, that a program of their own length pays.
+_SHARED, _SHORTEST, _WORTH_A_LENGTH = 2048, 256, 4e6
 
 _FEW_SLOTS = 16  # of the command buffer, up to which a power of two costs nothing and serves many deadlines
 
@@ -97,7 +98,8 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     designs = Counter[float]()
     for group in groups:
         designs[group.tau] += len(group.designs)
-    least = _SHORTEST if len(designs) == 1 else _SHARED
+    alone = len(designs) == 1 and designs.total() * runs_each * _SHARED > _WORTH_A_LENGTH
+    least = _SHORTEST if alone else _SHARED
     lengths = {group.tau: general_length(group.ticks, least) for group in groups}
     little = {tau for tau, length in lengths.items() if designs[tau] * runs_each * length < _WORTH_A_PROGRAM}
     longest = max(little, default=0.0)
