@@ -61,16 +61,16 @@ def _encodable(text: str) -> str:
 
 def _plain(value: Any) -> Any:
     """Arrays, NumPy's numbers and mappings as what JSON knows."""
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, dict):
-        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, float):  # first: of a page's 200 000 values nearly all
+        return float(f"{value:.7g}") if math.isfinite(value) else None
     if isinstance(value, (list, tuple)):
         return [_plain(each) for each in value]
     if isinstance(value, str):
         return _encodable(value)
-    if isinstance(value, float):
-        return float(f"{value:.7g}") if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
     return value
