@@ -53,7 +53,8 @@ class Group:
     mid_tick: bool | None  # whether commands take effect between sampling instants; None if the program is to see
     slots: int  # capacity of the program's command buffer: for the longest deadline that it serves
     designs: np.ndarray  # indices into the grid
-    general: bool = False  # whether the program serves other sampling periods too
+    alone: bool  # whether the whole grid has this one sampling period
+    general: bool = False  # whether the program serves other runs too, of any length up to its own
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def groups_of(
         runs_each: Robots x seeds of each design, to weigh the work.
         general: Whether sampling periods with little work may share general programs.
     """
-    groups = []
+    groups, alone = [], np.unique(tau).size == 1
     for period in np.unique(tau):
         limits, ticks = np.unique(deadline[tau == period]), num_ticks(horizon, period)
         splits = [split_deadline(np.float64(limit), np.float64(period)) for limit in limits]
@@ -89,7 +90,9 @@ def groups_of(
             chosen = np.flatnonzero((tau == period) & (deadline == limit))
             inside = rules.actuation == "deadline" and float(rest) > 0
             waits = 0 if rules.actuation == "instant" else min(int(lag), ticks)
-            groups.append(Group(float(period), float(period), float(limit), ticks, waits, ticks, inside, slots, chosen))
+            groups.append(
+                Group(float(period), float(period), float(limit), ticks, waits, ticks, inside, slots, chosen, alone)
+            )
     return _sharing(groups, rules, runs_each) if general else groups
 
 
@@ -98,8 +101,8 @@ def _sharing(groups: list[Group], rules: Rules, runs_each: int) -> list[Group]:
     designs = Counter[float]()
     for group in groups:
         designs[group.tau] += len(group.designs)
-    alone = len(designs) == 1 and designs.total() * runs_each * _SHARED > _WORTH_A_LENGTH
-    least = _SHORTEST if alone else _SHARED
+    worth = designs.total() * runs_each * _SHARED > _WORTH_A_LENGTH
+    least = _SHORTEST if worth and groups[0].alone else _SHARED
     lengths = {group.tau: general_length(group.ticks, least) for group in groups}
     little = {tau for tau, length in lengths.items() if designs[tau] * runs_each * length < _WORTH_A_PROGRAM}
     longest = max(little, default=0.0)
@@ -145,9 +148,9 @@ def batches_of(
 
 
 def _lanes(group: Group, num_robots: int, total_seeds: int, runs: int, snug: bool) -> int:
-    """Seeds of a batch: more of them where few designs would leave it small."""
+    """Seeds of a batch: more where few designs would leave it small; not where sampling periods share programs."""
     most = min(total_seeds, runs // len(group.designs), _MOST_LOOPS // (group.length * num_robots))
-    wide = (lanes for lanes in _WIDE if lanes <= most and not snug)
+    wide = (lanes for lanes in _WIDE if lanes <= most and group.alone and not snug)
     return next(wide, min(total_seeds, LANES, max(1, runs)))
 
 

@@ -15,7 +15,7 @@ from qocjax._math import EXACT, AngleMath, angle_math
 from qocjax._once import Once
 from qocjax._xla import compiled
 from qocjax.batch.drawing import Chance, drawn
-from qocjax.batch.layout import Batch, Group
+from qocjax.batch.layout import LANES, Batch, Group
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
 from qocjax.network.contention import contended_times, draw_length, source_of
@@ -132,12 +132,18 @@ class Runner:
         return Drawn(*jax.device_put((poses[:, :, None, :], loops, np.asarray(chance.keys)[None])))
 
     def _draw_chance(self, batch: Batch) -> Chance:
-        """What the seeds of a batch fix."""
-        group, device = batch.group, getattr(jax.config, "jax_default_device", None)
+        """What the seeds of a batch fix; drawn for as many at a time as most batches have, by one program."""
+        seeds = self.seeds[batch.seeds]
+        blocks = [self._draw_block(batch.group, seeds[k : k + LANES]) for k in range(0, seeds.size, LANES)]
+        return blocks[0] if len(blocks) == 1 else jax.tree.map(lambda *each: np.concatenate(each), *blocks)
+
+    def _draw_block(self, group: Group, seeds: np.ndarray) -> Chance:
+        """What some seeds fix."""
+        device = getattr(jax.config, "jax_default_device", None)
         length = group.length if group.general else general_length(group.ticks)
         ticks, tau = draw_length(self.network, group.ticks, group.tau, length)
         network = source_of(self.network)
-        args, static = (self.start, self.seeds[batch.seeds], np.int32(self.key)), (self.scenario.start_jitter, network)
+        args, static = (self.start, seeds, np.int32(self.key)), (self.scenario.start_jitter, network)
         key = (*static, *map(np.shape, args[:2]), self.start.dtype, ticks, tau, device)
         program = _programs.get(key, lambda: kept_program(drawn, args, (*static, ticks, tau), compiled))
         return program(*args)
