@@ -129,7 +129,7 @@ def plan(problem: Problem, part: Part, chunk_steps: float = CHUNK_STEPS) -> list
     target = max(1.0, chunk_steps / (_COSTLY if problem.controller is not None and problem.controller.costly else 1))
     values = part.values(problem)
     steps = steps_of(problem, values)
-    lanes = min(len(part.seeds), WIDEST)
+    lanes = min(len(part.seeds), WIDEST if np.unique(values.tau).size == 1 else LANES)
     many = f"{len(part.seeds):.4g} seeds of {len(steps):.4g} designs"
     check_room("seeds, designs", many, _least(part, steps, target), "fewer, or larger chunks (chunk_steps)")
     blocks = _seed_blocks(len(part.seeds), lanes * max(1, int(target // (steps.sum() * lanes))))
