@@ -7,6 +7,7 @@ import uuid
 from pathlib import Path
 from typing import Any
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from qocjax.figures.style import paper_style
@@ -37,9 +38,31 @@ def save(figure: Figure, stem: str | Path) -> list[Path]:
     if not stem.name:
         raise ValueError(f"stem: expected a path with a file name, got '{stem}'")
     stem.parent.mkdir(parents=True, exist_ok=True)
-    paths = [_write(figure, stem, "png")]
-    figure.set_layout_engine("none")  # it is laid out now, and need not be again for the PDF
-    return [*paths, _write(figure, stem, "pdf")]
+    canvas, dpi = figure.canvas, figure.dpi
+    try:
+        figure.set_dpi(_DPI)
+        with paper_style():
+            _lay_out(figure, FigureCanvasAgg(figure))
+        return [_write(figure, stem, kind) for kind in ("png", "pdf")]
+    finally:
+        figure.set_dpi(dpi)
+        figure.set_canvas(canvas)
+
+
+def _lay_out(figure: Figure, canvas: FigureCanvasAgg) -> None:
+    """Lays a figure out for all files; Matplotlib itself draws all of it once more to do so, for each file.
+
+    With the canvas that then writes the PNG, it also measures texts once.
+    """
+    engine = figure.get_layout_engine()
+    if engine is None:
+        return
+    for axes in figure.axes:
+        if axes.figure is figure:
+            locator: Any = axes.get_axes_locator()
+            axes.apply_aspect(locator(axes, canvas.get_renderer()) if locator else None)
+    engine.execute(figure)
+    figure.set_layout_engine(None)
 
 
 def _write(figure: Figure, stem: Path, kind: str) -> Path:
