@@ -26,6 +26,7 @@ from qocjax.config import conf_dir, load
 from qocjax.config.show import ShowConfig
 from qocjax.figures import trajectories
 from qocjax.figures.animation import animate, film_of, frames
+from qocjax.figures.cells import Cells
 from qocjax.figures.costmap import CostmapView, costmap_layers_figure, costmaps
 from qocjax.figures.film import write_film
 from qocjax.figures.scene import Scene, age_scale
@@ -81,10 +82,10 @@ def a_run(robots: int = 2, held: float = 0.0) -> SimpleNamespace:
 
 
 def image_of(panel: Axes) -> np.ndarray:
-    (image,) = panel.images
-    assert image.origin == "lower"
-    np.testing.assert_allclose(image.get_extent(), GRID.extent)
-    return np.asarray(image.get_array(), float) / 255
+    (cells,) = panel.images
+    assert isinstance(cells, Cells) and cells.origin == "lower"
+    np.testing.assert_allclose(cells.get_extent(), GRID.extent)
+    return cells.table[cells.cost] / 255
 
 
 def test_costmap_cells_have_the_colours_of_their_layers() -> None:

@@ -23,7 +23,8 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike, NDArray
 
 from qocjax.cost_values import FREE, INSCRIBED, LETHAL, UNKNOWN
-from qocjax.figures.plane import GOAL, Colour, GridLike, colours_of, draw_body, draw_cells, levels
+from qocjax.figures.cells import SEEN, Cells
+from qocjax.figures.plane import GOAL, Colour, GridLike, colours_of, draw_body, levels
 from qocjax.figures.style import COLOUR_MAP, DOUBLE_COLUMN, GREY, paper_style
 
 __all__ = ["CostmapView", "costmap_layers_figure", "costmaps"]
@@ -162,7 +163,7 @@ def _draw_layers(panels: Sequence[Axes], view: CostmapView) -> None:
         (r"inflation $c_\mathrm{infl}$", view.inflation), ("sum $c$", view.total),
     )  # fmt: skip
     for panel, (title, cost) in zip(panels, layers, strict=True):
-        _draw_cells(panel, view, np.asarray(cost))
+        _draw_cells(panel, view, cost)
         panel.set_title(title)
         panel.set_autoscale_on(False)
     panels[-1].plot(*np.asarray(view.path).T, color="k", lw=0.8, ls=_DASHES, zorder=4)
@@ -180,26 +181,25 @@ def _ratio(grid: GridLike) -> float:
 
 @functools.cache
 def _table() -> NDArray[np.uint8]:
-    """The colour of each cost, [256, 4]."""
-    table = np.ones((UNKNOWN + 1, 4))
+    """The colour of each cost and of what was seen, [257, 4]."""
+    table = np.ones((SEEN + 1, 4))
     open_ = np.arange(FREE + 1, INSCRIBED)
     table[open_] = _PINK(open_ / (INSCRIBED - 1))
-    for level, colour in ((INSCRIBED, _CLOSED), (LETHAL, _STATIC), (UNKNOWN, _UNKNOWN)):
+    for level, colour in ((INSCRIBED, _CLOSED), (LETHAL, _STATIC), (UNKNOWN, _UNKNOWN), (SEEN, _OBSTACLE)):
         table[level] = matplotlib.colors.to_rgba(colour)
     return levels(table)
 
 
-def _draw_cells(panel: Axes, view: CostmapView, cost: NDArray[np.float64]) -> None:
+def _draw_cells(panel: Axes, view: CostmapView, cost: ArrayLike) -> None:
     """Draws costs in the colours of the layers: where an obstacle was seen blue, on the static map black."""
-    shown = _table()[cost.astype(np.uint8)]
-    seen = (cost == LETHAL) & (np.asarray(view.obstacles) == LETHAL) & (np.asarray(view.static) != LETHAL)
-    shown[seen] = levels(np.array(matplotlib.colors.to_rgba(_OBSTACLE)))
-    draw_cells(panel, view.grid, shown)
+    shown = np.asarray(cost).astype(np.uint16)
+    shown[(shown == LETHAL) & (np.asarray(view.obstacles) == LETHAL) & (np.asarray(view.static) != LETHAL)] = SEEN
+    Cells(panel, view.grid.extent, shown, _table())
 
 
 def _draw_view(panel: Axes, view: CostmapView) -> None:
     """Draws the sum of the layers, rollouts, their mean, the global path, and the robots where they are."""
-    _draw_cells(panel, view, np.asarray(view.total))
+    _draw_cells(panel, view, view.total)
     weight = np.asarray(view.weight, float)
     rollouts = np.stack([np.asarray(view.rollout_x, float), np.asarray(view.rollout_y, float)], axis=-1)
     ranks = np.argsort(weight)

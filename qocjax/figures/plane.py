@@ -12,6 +12,7 @@ from matplotlib.patches import Circle
 from numpy.typing import ArrayLike, NDArray
 
 from qocjax.cost_values import FREE, LETHAL, UNKNOWN
+from qocjax.figures.cells import Cells
 from qocjax.figures.style import OKABE_ITO, sequence
 
 __all__ = [
@@ -22,7 +23,6 @@ __all__ = [
     "MapLike",
     "colours_of",
     "draw_body",
-    "draw_cells",
     "draw_goals",
     "draw_map",
     "levels",
@@ -67,7 +67,7 @@ def draw_map(axes: Axes, static_map: MapLike) -> None:
     table[FREE + 1 : LETHAL + 1] = matplotlib.colors.to_rgba(_WALL)
     table[:, 3] = np.minimum(np.arange(UNKNOWN + 1) / LETHAL, 1.0)
     table[UNKNOWN] = matplotlib.colors.to_rgba(_UNKNOWN)
-    draw_cells(axes, static_map.grid, levels(table)[np.asarray(static_map.cost)])
+    Cells(axes, static_map.grid.extent, np.asarray(static_map.cost), levels(table))
     x_from, x_to, y_from, y_to = static_map.grid.extent
     axes.set_xlim(x_from, x_to)
     axes.set_ylim(y_from, y_to)
@@ -76,11 +76,6 @@ def draw_map(axes: Axes, static_map: MapLike) -> None:
 def levels(colours: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Colours as levels of eight bits, which for a map take an eighth of the memory of floating point numbers."""
     return np.rint(255 * colours).astype(np.uint8)
-
-
-def draw_cells(axes: Axes, grid: GridLike, colours: NDArray[np.uint8]) -> None:
-    """Draws the cells of a map, [rows, cols, 4] red, green, blue and opacity, where they lie."""
-    axes.imshow(colours, extent=grid.extent, origin="lower", interpolation="none", zorder=1)
 
 
 def draw_body(axes: Axes, pose: ArrayLike, radius: float, colour: Colour, reach: float) -> None:
