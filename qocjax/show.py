@@ -4,7 +4,7 @@ from qocjax.commands.command_line import Command
 
 __all__ = ["main"]
 
-main = Command("show", "show.ShowConfig", nav2=True)
+main = Command("show", "show.ShowConfig", nav2=True, draws="qocjax.figures.shown")
 
 if __name__ == "__main__":
     main.as_program()

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from test_lazy import imported
+from test_show import ROOM, a_run, view
 
+from qocjax._beside import process_beside
 from qocjax.cost_values import INSCRIBED, LETHAL, UNKNOWN
 from qocjax.figures.cells import SEEN, Cells, coarser, pixel_edges, seen_part
+from qocjax.figures.shown import RunFigures
 
 RANDOM = np.random.default_rng(7)
 TABLE = np.full((SEEN + 1, 4), 255, np.uint8)
@@ -147,3 +153,27 @@ def test_what_is_drawn_lies_where_the_map_lies(finer: float, side: int) -> None:
     shown, extent = cells.shown(1.0, finer)
     assert shown.shape == (side, side)
     np.testing.assert_allclose(extent, (0, 10, 0, 10), rtol=1e-12)
+
+
+def test_figures_of_a_run_are_the_same_files_with_a_process_beside(tmp_path: Path) -> None:
+    def draw(folder: Path, pool: object) -> list[Path]:
+        figures = RunFigures(a_run(), folder, ROOM, pool)  # type: ignore[arg-type]
+        figures.add_film("run.gif", 2.0, 1.0, "title")
+        figures.add_views([view(0), view(1)], 1)
+        return figures.finished()
+
+    with process_beside("qocjax.figures.shown") as pool:
+        both = draw(tmp_path / "both", pool)
+    alone = draw(tmp_path / "alone", None)
+    names = [path.name for path in alone]
+    assert names == [path.name for path in both] == [
+        "trajectories.png", "trajectories.pdf", "run.gif", "costmaps.png", "costmaps.pdf",
+        "costmap_robot2.png", "costmap_robot2.pdf",
+    ]  # fmt: skip
+    for one, other in zip(alone, both, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_what_draws_a_run_and_what_checks_its_options_import_no_more_than_they_need() -> None:
+    assert "jax" not in imported("import qocjax.figures.shown")
+    assert imported("import qocjax.config.show") == {"jax", "numpy", "pydantic"}

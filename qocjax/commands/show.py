@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -13,16 +18,15 @@ from qocjax.commands.command_line import output_dir
 from qocjax.config import load
 from qocjax.config.show import ShowConfig
 from qocjax.controllers import Apf, Cbf, Controller
-from qocjax.figures.animation import animate
-from qocjax.figures.costmap import CostmapView, costmap_layers_figure, costmaps
-from qocjax.figures.paths import check_run, closest_approach
-from qocjax.figures.save import save
-from qocjax.figures.trajectories import trajectories
 from qocjax.navigation import NavigationStack, StaticMap, snapshot
 from qocjax.single import Run
 from qocjax.store import write_config, write_json, write_table
 from qocjax.store.provenance import provenance
 from qocjax.study.replayed import replay
+
+if TYPE_CHECKING:  # takes as long as JAX to import: while the run is simulated
+    from qocjax.figures.costmap import CostmapView
+    from qocjax.figures.shown import RunFigures
 
 __all__ = ["Shown", "main", "report", "run"]
 
@@ -40,37 +44,65 @@ class Shown:
     views: list[CostmapView]  # one for each robot; none of the surrogate law
 
 
-def run(config: ShowConfig, folder: Path | None = None) -> Shown:
+def run(config: ShowConfig, folder: Path | None = None, drawing: Executor | None = None) -> Shown:
     """Simulates and draws the run of a configuration.
 
     Args:
         config: What to simulate, and what to draw.
         folder: Where the run, its figures and the record go; None writes nothing.
+        drawing: A process that draws half of the figures, from `process_beside`.
 
     Raises:
         ValueError: A value of the configuration is out of range.
     """
     design, room, controller = config.build_design(), config.build_map(), config.build_controller()
-    found = replay(
-        config.build_scenario(), design, config.build_network(), config.show.seed,
-        rules=config.loop.build(), key=config.key, controller=controller,
-    )  # fmt: skip
-    done = jax.tree.map(np.asarray, found)
+    drawn = folder is not None and config.figures
+    looks = drawn or isinstance(controller, NavigationStack)  # whose views are a figure's
+    with _imported_meanwhile("qocjax.figures.shown") if looks else nullcontext():
+        found = replay(
+            config.build_scenario(), design, config.build_network(), config.show.seed,
+            rules=config.loop.build(), key=config.key, controller=controller,
+        )  # fmt: skip
+        done = jax.tree.map(np.asarray, found)
+    figures = _begun(done, config, room, controller, folder / "figures", drawing) if folder and drawn else None
     views = _views(done, controller, config.show.at)
-    shown = Shown(done, room, views)
+    if figures is not None:
+        figures.add_views(views, config.show.robot - 1)
     if folder is not None:
-        _write(shown, config, controller, folder)
+        _write(done, config, controller, folder)
         if config.bag:
             done.to_bag(folder / "bag", room, controller if isinstance(controller, NavigationStack) else None)
-        if config.figures:
-            _draw(shown, config, controller, folder / "figures")
-    return shown
+    if figures is not None:
+        figures.finished()
+    return Shown(done, room, views)
+
+
+@contextmanager
+def _imported_meanwhile(module: str) -> Iterator[None]:
+    """Imports a module on another core than the one that simulates; a part of it that fails does so when it is used."""
+    with ThreadPoolExecutor(1) as aside:
+        aside.submit(import_module, module)
+        yield
+
+
+def _begun(
+    done: Run, config: ShowConfig, room: StaticMap | None, law: Controller, folder: Path, pool: Executor | None
+) -> RunFigures:
+    """The figures, of which those are under way that show the run alone."""
+    from qocjax.figures.shown import RunFigures
+
+    options, title = config.show, _LAWS.get(type(law), type(law).__name__)
+    figures = RunFigures(done, folder, room, pool)
+    figures.add_film(f"run.{options.format}", options.fps, options.until, title)
+    return figures
 
 
 def _views(done: Run, controller: Controller, at: float | None) -> list[CostmapView]:
     """What every robot's stack looked at, at the sampling instant at or before a time; nothing of the surrogate law."""
     if not isinstance(controller, NavigationStack):
         return []
+    from qocjax.figures.paths import check_run, closest_approach
+
     time = np.asarray(done.time)[:-1]
     if at is None:
         meeting = closest_approach(check_run(done).pose)
@@ -80,6 +112,8 @@ def _views(done: Run, controller: Controller, at: float | None) -> list[CostmapV
 
 
 def _view(done: Run, stack: NavigationStack, robot: int, tick: int) -> CostmapView:
+    from qocjax.figures.costmap import CostmapView
+
     seen = snapshot(stack, done, tick, robot)
     rollouts = seen.rollouts
     assert rollouts.x is not None and rollouts.y is not None  # a snapshot records them; for the type checker
@@ -92,20 +126,10 @@ def _view(done: Run, stack: NavigationStack, robot: int, tick: int) -> CostmapVi
     )  # fmt: skip
 
 
-def _write(shown: Shown, config: ShowConfig, law: Controller, folder: Path) -> None:
-    write_table(folder / "run", shown.run.to_pandas())
+def _write(done: Run, config: ShowConfig, law: Controller, folder: Path) -> None:
+    write_table(folder / "run", done.to_pandas())
     write_config(folder, config.model_dump())
-    write_json(folder / "record.json", _numbers(shown.run) | provenance(law))
-
-
-def _draw(shown: Shown, config: ShowConfig, law: Controller, folder: Path) -> None:
-    options = config.show
-    save(trajectories(shown.run, static_map=shown.static_map), folder / "trajectories")
-    if shown.views:
-        save(costmaps(shown.views), folder / "costmaps")
-        save(costmap_layers_figure(shown.views[options.robot - 1]), folder / f"costmap_robot{options.robot}")
-    animate(shown.run, folder / f"run.{options.format}", static_map=shown.static_map, fps=options.fps,
-            until=options.until, title=_LAWS.get(type(law), type(law).__name__))  # fmt: skip
+    write_json(folder / "record.json", _numbers(done) | provenance(law))
 
 
 def _numbers(done: Run) -> dict[str, object]:
@@ -135,8 +159,8 @@ def report(shown: Shown) -> str:
     return "\n".join(lines)
 
 
-def main(cfg: DictConfig) -> None:
-    """Command line."""
+def main(cfg: DictConfig, drawing: Executor | None = None) -> None:
+    """Command line; `drawing` draws half of the figures."""
     config, folder = load(ShowConfig, cfg), output_dir()
-    print(report(run(config, folder)))
+    print(report(run(config, folder, drawing)))
     print(f"The run, its figures and the record are in {folder}")

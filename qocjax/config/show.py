@@ -12,7 +12,6 @@ from pydantic import Field
 from qocjax import _checks
 from qocjax.config.part import Part
 from qocjax.config.simulation import SimulationConfig
-from qocjax.figures.film import FORMATS, find_ffmpeg
 from qocjax.scenario import Design
 
 __all__ = ["ShowConfig"]
@@ -55,8 +54,11 @@ class ShowConfig(SimulationConfig):
         """
         options = self.show
         _checks.bounded("show.deadline_ms", options.deadline_ms, least=0)
-        if _checks.choice("show.format", options.format, FORMATS) == "mp4" and self.figures:
-            find_ffmpeg()
+        if options.format != "gif":  # which needs nothing, and what draws takes as long to import as JAX
+            from qocjax.figures.film import FORMATS, find_ffmpeg
+
+            if _checks.choice("show.format", options.format, FORMATS) == "mp4" and self.figures:
+                find_ffmpeg()
         _checks.bounded("show.fps", options.fps, above=0, most=100)
         if options.at is not None:
             _checks.bounded("show.at", options.at, least=0, most=self.scenario.horizon)
