@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -104,15 +104,31 @@ def static_layer(static_map: StaticMap, track_unknown_space: bool = False) -> St
         static_map: The map.
         track_unknown_space: Nav2's parameter: whether unknown cells stay 255; else they are free.
     """
-    cost = static_map.cost
+    cost, dtype = static_map.cost, jnp.result_type(float)
     known = cost if track_unknown_space else np.where(cost == UNKNOWN, FREE, cost)
-    occupied = cost == LETHAL
+    squared = _squared_distance(cost == LETHAL)
+    distance = np.sqrt(squared.astype(dtype)) * dtype.type(static_map.grid.resolution)
+    return StaticLayer(*cast(tuple[Array, Array], (known.astype(dtype), distance)))
+
+
+def _squared_distance(occupied: np.ndarray) -> np.ndarray:
+    """Squared distance, in cells, of each cell from the nearest occupied one; infinite where there is none.
+
+    Of a map, which is known before anything is traced, so that it needs no program. In whole numbers, so exact.
+    """
     if not occupied.any():
-        return StaticLayer(jnp.asarray(known, float), jnp.full(cost.shape, jnp.inf))
+        return np.full(occupied.shape, np.inf)
     from scipy.ndimage import distance_transform_edt  # takes long, and a configuration needs none
 
-    squared = np.rint(distance_transform_edt(~occupied) ** 2)  # a map's own is made once, and needs no program for it
-    return StaticLayer(jnp.asarray(known, float), jnp.sqrt(jnp.asarray(squared, float)) * static_map.grid.resolution)
+    rows, cols = occupied.shape
+    nearest = distance_transform_edt(~occupied, return_distances=False, return_indices=True)
+    if rows**2 + cols**2 > np.iinfo(nearest.dtype).max:
+        nearest = nearest.astype(np.int64)
+    for away, index in zip(nearest, np.ogrid[:rows, :cols], strict=True):
+        away -= index.astype(away.dtype)
+        away *= away
+    nearest[0] += nearest[1]
+    return nearest[0]
 
 
 def others(values: Array) -> Array:
