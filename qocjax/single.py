@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from qocjax._kept import called
 from qocjax._math import EXACT
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
+from qocjax.controllers.held import held, holding
 from qocjax.network.schedule import Rules, split_deadline
 from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
@@ -165,7 +166,7 @@ def simulate(
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
     design = jax.tree.map(lambda each: jnp.asarray(each, times.dtype), design)  # 0 and 0.1 on one program
     words = jax.random.key_data(jax.random.key(0) if key is None else key)
-    return called(_simulate, (scenario, design, times, words), (plan,))
+    return called(_simulate, (scenario, design, times, words, held(controller)), (plan,))
 
 
 def check_start(scenario: Scenario, start: ArrayLike) -> None:
@@ -231,7 +232,8 @@ def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]
     return mid_tick, min(room, ticks + 2)
 
 
-def _simulate(scenario: Scenario, design: Design, loop_times: Array, words: Array, plan: Plan) -> Run:
+def _simulate(scenario: Scenario, design: Design, loop_times: Array, words: Array, arrays: Any, plan: Plan) -> Run:
+    plan = replace(plan, controller=holding(plan.controller, arrays))
     start = jnp.asarray(scenario.start, loop_times.dtype)
     tally, network, report, recorded = run_closed_loop(scenario, design, start, loop_times, plan, words)
     assert recorded is not None  # the plan records; for the type checker

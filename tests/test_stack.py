@@ -22,6 +22,9 @@ from qocjax import (
     simulate,
 )
 from qocjax._math import EXACT
+from qocjax.closed_loop import Plan
+from qocjax.controllers import Apf
+from qocjax.controllers.held import held
 from qocjax.navigation import (
     STACK_MPPI,
     Disc,
@@ -31,6 +34,7 @@ from qocjax.navigation import (
     NavigationStack,
     Planner,
     Rectangle,
+    StaticMap,
     map_of_shapes,
     open_floor,
     snapshot,
@@ -38,6 +42,7 @@ from qocjax.navigation import (
 from qocjax.navigation.cycle import _back_up
 from qocjax.network import Constant, LoopNetwork
 from qocjax.robots import Command, Pose, Unicycle, arc
+from qocjax.single import _simulate
 
 TAU = 0.05
 SMALL = replace(STACK_MPPI, batch_size=64, time_steps=14)
@@ -71,6 +76,20 @@ def test_reaches_the_goal_without_delay() -> None:
     # With nothing in the way the robot drives near its cap: the path is hardly longer than the straight line.
     assert float(run.path_length[0]) < 1.1 * np.hypot(4.0, 1.5)
     assert float(run.report["no_path_share"][0]) == float(run.report["blocked_share"][0]) == 0.0
+
+
+def test_a_run_takes_what_is_made_of_the_map_as_arguments() -> None:
+    """So that a large map is not traced, lowered and compiled with it; what its program holds is smaller than a map."""
+    scenario = replace(SHORT, start=np.asarray(SHORT.start))
+    room = open_floor(SHORT, resolution=0.02)
+    cost = room.cost.copy()
+    cost[:2], cost[7, ::3] = 254, 254
+    stack = NavigationStack(StaticMap(room.grid, cost), mppi=SMALL)
+    plan = Plan(Rules(), EXACT, 8, None, record=True, controller=stack)
+    args = scenario, design(), times(), jax.random.key_data(jax.random.key(0)), held(stack)
+    lines = jax.jit(_simulate, static_argnums=5).lower(*args, plan).as_text().splitlines()
+    assert any("stablehlo.constant" in line for line in lines) and max(map(len, lines)) < cost.size
+    assert held(Apf()) == ()
 
 
 CAPS = np.array([0.4, 0.7])

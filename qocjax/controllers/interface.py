@@ -42,7 +42,8 @@ class Sight(NamedTuple):
 class Controller(Protocol):
     """A controller; frozen and hashable, since programs are compiled for it.
 
-    One that makes plans in a way of its own has a method `plan` too: `qocjax.controllers.rolled.PlanMaker`.
+    One that makes plans in a way of its own has a method `plan` too: `qocjax.controllers.rolled.PlanMaker`. One with
+    large arrays has methods `held` and `holding`: `qocjax.controllers.held`.
 
     Attributes:
         costly: Whether a command takes so long that no run may be simulated for filling up a batch.

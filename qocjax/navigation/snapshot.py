@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
 from qocjax import _checks
+from qocjax._kept import called
 from qocjax.navigation.costmap import Layers
 from qocjax.navigation.cycle import View, look
 from qocjax.navigation.grid import Grid
@@ -18,9 +18,8 @@ from qocjax.navigation.stack import NavigationStack
 __all__ = ["Snapshot", "snapshot"]
 
 
-@partial(jax.jit, static_argnums=0)
-def _look(stack: NavigationStack, view: View) -> tuple[Layers, jax.Array, Rollouts]:
-    layers, rollouts = look(stack, view)
+def _look(view: View, arrays: Any, stack: NavigationStack) -> tuple[Layers, jax.Array, Rollouts]:
+    layers, rollouts = look(stack.holding(arrays), view)
     return layers, layers.total(), rollouts
 
 
@@ -57,7 +56,7 @@ def snapshot(stack: NavigationStack, run: Any, tick: int, robot: int) -> Snapsho
         if not _checks.count(name, value, least=0) < count:
             raise ValueError(f"{name}: got {value}, expected below {count}")
     view: View = jax.tree.map(lambda a: a[tick, robot], run.view)
-    layers, total, rollouts = jax.tree.map(np.asarray, _look(stack, view))
+    layers, total, rollouts = jax.tree.map(np.asarray, called(_look, (view, stack.held()), (stack,)))
     discs = view.obstacles
     return Snapshot(
         stack.static_map.grid, layers, total, np.asarray(view.path), rollouts, np.asarray(view.begin),

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
+from typing import TypeVar
 
 import jax
 import numpy as np
 from jax import Array
 
 from qocjax import _checks
+from qocjax._kept import called
 from qocjax.navigation.costmap import Inflation, StaticLayer, costmap_layers, influence, static_layer
 from qocjax.navigation.critics import ConstraintCritic, CostCritic, GoalCritic, PreferForwardCritic
 from qocjax.navigation.grid import Grid
@@ -34,6 +37,8 @@ STACK_MPPI = MppiConfig(
         PreferForwardCritic(),
     ),
 )
+
+T = TypeVar("T", bound="StackParts")
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,22 @@ class StackParts:
     def closed(self) -> np.ndarray:
         """The costmap without other robots, which says where none can be."""
         with jax.ensure_compile_time_eval():
-            return np.asarray(_alone(self.static_map.grid, self.static, self.inflation))
+            return np.asarray(called(_alone, (self.static, self.inflation), (self.static_map.grid,)))
+
+    def held(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What is made of the map, for a program's arguments: static costs and those without robots, distances (m).
+
+        As constants of a program they lie in what is traced, lowered and compiled, a dozen times over.
+        """
+        static = self.static
+        return np.asarray(static.cost, np.uint8), self.closed.astype(np.uint8), np.asarray(static.distance)
+
+    def holding(self: T, arrays: tuple[Array, Array, Array]) -> T:
+        """The stack that takes what is made of the map from a program's arguments, in the order of `held`."""
+        cost, closed, distance = arrays
+        stack = copy(self)
+        vars(stack).update(static=StaticLayer(cost, distance), closed=closed)
+        return stack
 
     @property
     def influence(self) -> int | None:
@@ -101,7 +121,6 @@ class StackParts:
         return influence(self.inflation, self.static_map.grid.resolution, radius, self.max_widening)
 
 
-@partial(jax.jit, static_argnums=0)
-def _alone(grid: Grid, static: StaticLayer, inflation: Inflation) -> Array:
+def _alone(static: StaticLayer, inflation: Inflation, grid: Grid) -> Array:
     """The costmap without other robots, [rows, cols]."""
     return costmap_layers(grid, static, None, inflation).total()

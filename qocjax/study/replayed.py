@@ -51,14 +51,14 @@ def replay(
     )  # fmt: skip
     times = loops_of(network, drawn, ticks, tau, float(np.asarray(design.deadline)))
     return simulate(
-        replace(scenario, start=np.asarray(start[0])),
+        replace(scenario, start=np.asarray(start)[0]),
         design,
-        np.asarray(times[0]),
+        np.asarray(times)[0],
         rules.actuation,
         rules.hold,
         hold_timeout=rules.hold_timeout,
         hold_decay=rules.hold_decay,
         plan_length=rules.plan_length,
         controller=controller,
-        key=jax.random.wrap_key_data(keys[0]),
+        key=jax.random.wrap_key_data(np.asarray(keys)[0]),
     )
