@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
 import tracemalloc
 from collections.abc import Callable, Iterator
 from importlib import import_module
@@ -137,3 +140,30 @@ def test_what_a_command_asks_for_later_is_refused_at_once(command: str, option: 
 def test_the_memory_of_a_machine_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     assert 1e8 < _room.memory() < 1e16
+
+
+HELD = """
+import sys
+import numpy as np
+from qocjax._room import give_back
+
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096
+
+if sys.argv[1] == "yes":
+    give_back()
+np.ones(1 << 20)  # 8 MB that are freed, from which on the C library keeps as large ones
+kept = [(np.ones(1 << 18), np.ones(12_000)) for _ in range(40)]  # of 2 MB, with something smaller after each
+small = [after for _, after in kept]
+before = resident()
+del kept
+print(before - resident() > 60e6)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps what is freed, and can be told not to")
+def test_large_arrays_that_are_freed_go_back_to_the_system() -> None:
+    found = [subprocess.run([sys.executable, "-c", HELD, told], capture_output=True, text=True, check=True).stdout
+             for told in ("yes", "no")]  # fmt: skip
+    assert [each.strip() for each in found] == ["True", "False"]

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from omegaconf import DictConfig
 
+from qocjax._room import give_back
 from qocjax.commands.command_line import output_dir
 from qocjax.config import load
 from qocjax.config.show import ShowConfig
@@ -161,6 +162,7 @@ def report(shown: Shown) -> str:
 
 def main(cfg: DictConfig, drawing: Executor | None = None) -> None:
     """Command line; `drawing` draws half of the figures."""
+    give_back()
     config, folder = load(ShowConfig, cfg), output_dir()
     print(report(run(config, folder, drawing)))
     print(f"The run, its figures and the record are in {folder}")
