@@ -65,14 +65,14 @@ def run(config: ShowConfig, folder: Path | None = None, drawing: Executor | None
             rules=config.loop.build(), key=config.key, controller=controller,
         )  # fmt: skip
         done = jax.tree.map(np.asarray, found)
-    figures = _begun(done, config, room, controller, folder / "figures", drawing) if folder and drawn else None
+    figures = _begun(done, room, folder / "figures", drawing) if folder and drawn else None
     views = _views(done, controller, config.show.at)
     if figures is not None:
         figures.add_views(views, config.show.robot - 1)
+        title = _LAWS.get(type(controller), type(controller).__name__)
+        figures.add_film(f"run.{config.show.format}", config.show.fps, config.show.until, title)
     if folder is not None:
-        _write(done, config, controller, folder)
-        if config.bag:
-            done.to_bag(folder / "bag", room, controller if isinstance(controller, NavigationStack) else None)
+        _write(done, config, room, controller, folder)
     if figures is not None:
         figures.finished()
     return Shown(done, room, views)
@@ -86,16 +86,11 @@ def _imported_meanwhile(module: str) -> Iterator[None]:
         yield
 
 
-def _begun(
-    done: Run, config: ShowConfig, room: StaticMap | None, law: Controller, folder: Path, pool: Executor | None
-) -> RunFigures:
-    """The figures, of which those are under way that show the run alone."""
+def _begun(done: Run, room: StaticMap | None, folder: Path, pool: Executor | None) -> RunFigures:
+    """The figures, of which the trajectories are under way."""
     from qocjax.figures.shown import RunFigures
 
-    options, title = config.show, _LAWS.get(type(law), type(law).__name__)
-    figures = RunFigures(done, folder, room, pool)
-    figures.add_film(f"run.{options.format}", options.fps, options.until, title)
-    return figures
+    return RunFigures(done, folder, room, pool)
 
 
 def _views(done: Run, controller: Controller, at: float | None) -> list[CostmapView]:
@@ -127,10 +122,12 @@ def _view(done: Run, stack: NavigationStack, robot: int, tick: int) -> CostmapVi
     )  # fmt: skip
 
 
-def _write(done: Run, config: ShowConfig, law: Controller, folder: Path) -> None:
+def _write(done: Run, config: ShowConfig, room: StaticMap | None, law: Controller, folder: Path) -> None:
     write_table(folder / "run", done.to_pandas())
     write_config(folder, config.model_dump())
     write_json(folder / "record.json", _numbers(done) | provenance(law))
+    if config.bag:
+        done.to_bag(folder / "bag", room, law if isinstance(law, NavigationStack) else None)
 
 
 def _numbers(done: Run) -> dict[str, object]:
