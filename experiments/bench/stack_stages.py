@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 import pandas as pd
 from jax import Array, lax
-from qocjax.study.replay import replay
+from qocjax.study.replayed import replay
 
 from experiments.prediction import configured
 from qocjax._xla import compiled, request_whole_loop
