@@ -151,7 +151,7 @@ def test_all_maps_at_once_give_what_one_after_the_other_does():
     maps, (a, b) = np.arange(60), (tuple(cells(each).T) for each in (start, goal))
     at_goal = np.isfinite(price)[maps, *b]
     begin = jnp.full(cost.shape, jnp.inf).at[maps, *b].set(np.where(at_goal, 0.0, np.inf))
-    found = jax.jit(wavefront._settle)(begin, price)[maps, *a] * GRID.resolution  # as on an accelerator
+    found = jax.jit(wavefront.settle)(begin, price)[maps, *a] * GRID.resolution  # as on an accelerator
     np.testing.assert_allclose(found, np.where(np.isfinite(price)[maps, *a], path.cost[:60], np.inf), rtol=1e-12)
 
 

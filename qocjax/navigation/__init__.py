@@ -20,6 +20,7 @@ from qocjax.navigation.critics import (
     PreferForwardCritic,
 )
 from qocjax.navigation.distance import distance_to, squared_distance
+from qocjax.navigation.field import cost_to_go
 from qocjax.navigation.grid import Grid
 from qocjax.navigation.local_path import MapCosts
 from qocjax.navigation.map_files import read_map
@@ -31,7 +32,7 @@ from qocjax.navigation.planner import Path, follow, plan
 from qocjax.navigation.snapshot import Snapshot, snapshot
 from qocjax.navigation.stack import NavigationStack, open_floor
 from qocjax.navigation.stack_parts import STACK_MPPI
-from qocjax.navigation.wavefront import Planner, cost_to_go
+from qocjax.navigation.wavefront import Planner
 
 __all__ = [
     "STACK_MPPI",

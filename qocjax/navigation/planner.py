@@ -1,7 +1,8 @@
 """Global planner: optimal paths on the costmap, as A* finds them (model, section 9).
 
-`plan` finds the cost to go on the whole grid and follows it from each start; `qocjax.navigation.wavefront` says what a
-path costs, and why that suits batches. Paths are as good as those of A* or Dijkstra's algorithm: optimal.
+`plan` finds the cost to go and follows it from each start. `qocjax.navigation.wavefront` says what a path costs and how
+the cost to go of a whole map is found, `qocjax.navigation.best_first` how that of the part of a large one that matters.
+Paths are as good as those of A* or Dijkstra's algorithm: optimal.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
+from qocjax.navigation.field import field_to, open_near
 from qocjax.navigation.grid import Grid
-from qocjax.navigation.wavefront import ROOT2, Planner, cost_to_go, nearest_usable, price_of
+from qocjax.navigation.wavefront import ROOT2, Planner, nearest_usable, open_cells, price_of
 
 __all__ = ["Path", "follow", "plan"]
 
@@ -53,7 +55,13 @@ def plan(cost: Array, start: Array, goal: Array, grid: Grid, planner: Planner | 
     planner = planner or Planner()
     batch = jnp.broadcast_shapes(cost.shape[:-2], goal.shape[:-1])
     cost = jnp.broadcast_to(cost, (*batch, *grid.shape))
-    return follow(cost_to_go(cost, goal, grid, planner), cost, start, grid, planner)
+    end = open_near(goal, cost, grid, planner)
+    begin = None
+    if start.ndim - 1 <= len(batch):  # one on each map: what no path from it needs can be left out
+        start = jnp.broadcast_to(start, (*batch, 2))
+        begin = open_near(start, cost, grid, planner)
+    field = field_to(end, cost, grid, planner, begin)
+    return _follow(field, cost, end.row * grid.shape[1] + end.col, start, grid, planner)
 
 
 def follow(field: Array, cost: Array, start: Array, grid: Grid, planner: Planner) -> Path:
@@ -66,43 +74,44 @@ def follow(field: Array, cost: Array, start: Array, grid: Grid, planner: Planner
         grid: Where the cells lie.
         planner: Parameters.
     """
+    goal = jnp.argmin(field.reshape(*field.shape[:-2], -1), axis=-1)
     start = jnp.broadcast_to(start, (*field.shape[:-2], 2)) if start.ndim < field.ndim - 1 else start
-    price = price_of(cost, planner)
+    return _follow(field, cost, goal, start, grid, planner)
+
+
+def _follow(field: Array, cost: Array, goal: Array, start: Array, grid: Grid, planner: Planner) -> Path:
+    """`follow` to a known goal, [*B] index of its cell."""
+    usable = lambda row, col: jnp.isfinite(grid.take(field, row, col))  # noqa: E731
     row, col, inside = grid.cell(start[..., 0], start[..., 1])
     # A robot on an open cell without a path is not put beyond the wall that shuts it in.
-    own_open = jnp.isfinite(grid.take(price, row, col))
-    near_row, near_col, found = nearest_usable(jnp.isfinite(field), row, col, grid, planner.tolerance)
-    on_field = jnp.isfinite(grid.take(field, row, col))
-    reached = inside & jnp.where(own_open, on_field, found)
+    own_open = open_cells(cost, grid, planner)(row, col)
+    near_row, near_col, found = nearest_usable(usable, row, col, grid, planner.tolerance)
+    reached = inside & jnp.where(own_open, usable(row, col), found)
     row, col = jnp.where(own_open, row, near_row), jnp.where(own_open, col, near_col)
     total = jnp.where(reached, grid.take(field, row, col), jnp.inf)
 
-    down = _Downhill.on(field / grid.resolution, price)
+    down = _Downhill(field, cost, goal, grid, planner)
     rows, cols = _descend(down, row, col, reached, planner.max_points or sum(grid.shape))
     return _as_path(grid, rows, cols, total, reached, field)
 
 
 @dataclass(frozen=True)
 class _Downhill:
-    """The cost to go in cells and the price of each cell, flat, with a frame of closed cells around each map."""
+    """The way down a cost to go, in terms of indices of cells."""
 
-    field: Array  # [*B, (rows + 2) (cols + 2)]
-    price: Array  # [*B, (rows + 2) (cols + 2)]
-    goal: Array  # [*B] index of the goal
-    width: int  # cols + 2
+    field: Array  # [*B, rows, cols] cost to go (m)
+    cost: Array  # [*B, rows, cols] that it was made from
+    goal: Array  # [*B]
+    grid: Grid
+    planner: Planner
 
-    @classmethod
-    def on(cls, field: Array, price: Array) -> _Downhill:
-        ring = [(0, 0)] * (field.ndim - 2) + [(1, 1), (1, 1)]
-        flat = (*field.shape[:-2], -1)
-        field, price = (jnp.pad(each, ring, constant_values=jnp.inf) for each in (field, price))
-        width, field = field.shape[-1], field.reshape(flat)
-        return cls(field, price.reshape(flat), jnp.argmin(field, axis=-1), width)
+    def to_go(self, at: Array) -> Array:
+        """Cost to go of cells [*B, *K] (cells)."""
+        return self.grid.take(self.field, *self.split(at)) / self.grid.resolution
 
-    def look(self, values: Array, at: Array) -> Array:
-        """Values [*B, cells] of cells [*B, *K]."""
-        flat = at.reshape(*values.shape[:-1], -1)
-        return jnp.take_along_axis(values, flat, axis=-1, mode="promise_in_bounds").reshape(at.shape)
+    def split(self, at: Array) -> tuple[Array, Array]:
+        """Rows and columns."""
+        return at // self.grid.shape[1], at % self.grid.shape[1]
 
     def next(self, at: Array) -> Array:
         """The best neighbour of each cell [*S].
@@ -110,18 +119,22 @@ class _Downhill:
         Of those that are equally good, up to rounding, the one nearest to the goal: open floor has many optimal paths,
         and which of them is taken should not hang on the last digit.
         """
-        lead = range(at.ndim)
-        around = at[..., None] + lax.expand_dims(jnp.asarray(_MOVES @ (self.width, 1), jnp.int32), lead)
-        to_go = self.look(self.field, around)
+        lead, (rows, cols) = range(at.ndim), self.grid.shape
+        around = [each[..., None] + lax.expand_dims(jnp.asarray(by, jnp.int32), lead)
+                  for each, by in zip(self.split(at), _MOVES.T, strict=True)]  # fmt: skip
+        on_map = (around[0] >= 0) & (around[0] < rows) & (around[1] >= 0) & (around[1] < cols)
+        cells = jnp.where(on_map, around[0] * cols + around[1], at[..., None])
+        to_go = jnp.where(on_map, self.to_go(cells), jnp.inf)
+        price = price_of(self.grid.take(self.cost, *self.split(cells)), self.planner)
         passed = jnp.isfinite(to_go[..., _PASSED]).all(axis=-1)
         lengths = lax.expand_dims(jnp.asarray([1.0] * 4 + [ROOT2] * 4, self.field.dtype), lead)
-        through = to_go + lengths * self.look(self.price, around)
+        through = to_go + lengths * price
         through = jnp.where(jnp.concatenate([jnp.ones_like(passed), passed], axis=-1), through, jnp.inf)
         good = through <= through.min(axis=-1, keepdims=True) * (1 + _ROUNDINGS * jnp.finfo(through.dtype).eps)
-        goal = lax.expand_dims(self.goal, range(self.goal.ndim, around.ndim))
-        away = (around // self.width - goal // self.width) ** 2 + (around % self.width - goal % self.width) ** 2
+        goal_row, goal_col = self.split(lax.expand_dims(self.goal, range(self.goal.ndim, cells.ndim)))
+        away = (around[0] - goal_row) ** 2 + (around[1] - goal_col) ** 2
         nearest = jnp.argmin(jnp.where(good, away, jnp.iinfo(away.dtype).max), axis=-1)
-        return jnp.take_along_axis(around, nearest[..., None], axis=-1)[..., 0]
+        return jnp.take_along_axis(cells, nearest[..., None], axis=-1)[..., 0]
 
 
 def _descend(down: _Downhill, row: Array, col: Array, reached: Array, max_points: int) -> tuple[Array, Array]:
@@ -134,20 +147,20 @@ def _descend(down: _Downhill, row: Array, col: Array, reached: Array, max_points
         reached: [*S] whether to go at all.
         max_points: L.
     """
-    first = ((row + 1) * down.width + col + 1).astype(jnp.int32)
+    first = (row * down.grid.shape[1] + col).astype(jnp.int32)
 
     def step(state: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
         k, at, going, trail = state
         at = jnp.where(going, down.next(at), at)
-        return k + 1, at, going & (down.look(down.field, at) > 0), trail.at[k].set(at)
+        return k + 1, at, going & (down.to_go(at) > 0), trail.at[k].set(at)
 
-    going = reached & (down.look(down.field, first) > 0)
+    going = reached & (down.to_go(first) > 0)
     trail = jnp.broadcast_to(first[None], (max_points, *first.shape))
     begin = (jnp.array(1, jnp.int32), first, going, trail)
     count, last, _, trail = lax.while_loop(lambda s: (s[0] < max_points) & jnp.any(s[2]), step, begin)
     beyond = lax.broadcasted_iota(jnp.int32, trail.shape, 0) >= count
     trail = jnp.where(beyond, last[None], trail)
-    return trail // down.width - 1, trail % down.width - 1
+    return down.split(trail)
 
 
 def _as_path(grid: Grid, rows: Array, cols: Array, total: Array, reached: Array, field: Array) -> Path:

@@ -1,4 +1,4 @@
-"""The cost to go to a goal from every cell of a costmap.
+"""The cost to go to a goal from every cell of a costmap: what moves cost, and the sweeps that settle it.
 
 Moves go to the eight neighbours. As in Nav2's Smac 2D-A* (node_2d.cpp), a move into a cell of cost c costs
 
@@ -19,6 +19,7 @@ wherever they are.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import jax.numpy as jnp
@@ -28,11 +29,10 @@ from jax.typing import ArrayLike
 
 from qocjax import _checks
 from qocjax.cost_values import INSCRIBED, UNKNOWN
-from qocjax.navigation._batches import over_maps
 from qocjax.navigation.grid import Grid
 from qocjax.scenario import _pytree
 
-__all__ = ["ROOT2", "Planner", "cost_to_go", "nearest_usable", "price_of"]
+__all__ = ["ROOT2", "Planner", "nearest_usable", "open_cells", "price_of", "settle"]
 
 _DEAREST = INSCRIBED - 1.0
 ROOT2 = math.sqrt(2.0)
@@ -63,27 +63,6 @@ class Planner:
             _checks.count("max_points", self.max_points, 2)
 
 
-def cost_to_go(cost: Array, goal: Array, grid: Grid, planner: Planner) -> Array:
-    """Cost of the best path from each cell to the goal (m), infinite where there is none and in closed cells.
-
-    Args:
-        cost: [*B, rows, cols] in Nav2's scale.
-        goal: [*B, 2] (m).
-        grid: Where the cells lie.
-        planner: Parameters.
-
-    Returns:
-        [*B, rows, cols].
-    """
-    price = price_of(cost, planner)
-    row, col, inside = grid.cell(goal[..., 0], goal[..., 1])
-    row, col, found = nearest_usable(jnp.isfinite(price), row, col, grid, planner.tolerance)
-    rows, cols = (lax.broadcasted_iota(jnp.int32, cost.shape, cost.ndim + axis) for axis in (-2, -1))
-    at_goal = (rows == row[..., None, None]) & (cols == col[..., None, None]) & (found & inside)[..., None, None]
-    begin = jnp.where(at_goal, 0.0, jnp.inf).astype(price.dtype)
-    return over_maps(_settle, begin, price) * grid.resolution
-
-
 def price_of(cost: Array, planner: Planner) -> Array:
     """Cost of a move of length 1 into each cell, infinite into closed ones."""
     unknown = cost == UNKNOWN
@@ -92,7 +71,14 @@ def price_of(cost: Array, planner: Planner) -> Array:
     return jnp.where(open_, price, jnp.inf)
 
 
-def nearest_usable(usable: Array, row: Array, col: Array, grid: Grid, tolerance: float) -> tuple[Array, Array, Array]:
+def open_cells(cost: Array, grid: Grid, planner: Planner) -> Callable[[Array, Array], Array]:
+    """Tells of cells, by row and column, whether they are open."""
+    return lambda row, col: jnp.isfinite(price_of(grid.take(cost, row, col), planner))
+
+
+def nearest_usable(
+    usable: Callable[[Array, Array], Array], row: Array, col: Array, grid: Grid, tolerance: float
+) -> tuple[Array, Array, Array]:
     """The usable cell nearest to each cell, within the tolerance between centres, and whether there is one."""
     reach = int(tolerance / grid.resolution + 1e-6)
     away = np.array([(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)])
@@ -102,14 +88,19 @@ def nearest_usable(usable: Array, row: Array, col: Array, grid: Grid, tolerance:
                   for each, d in zip((row, col), away.T, strict=True))  # fmt: skip
     on_map = (rows >= 0) & (rows < grid.shape[0]) & (cols >= 0) & (cols < grid.shape[1])
     rows, cols = jnp.clip(rows, 0, grid.shape[0] - 1), jnp.clip(cols, 0, grid.shape[1] - 1)
-    good = on_map & grid.take(usable, rows, cols)
+    good = on_map & usable(rows, cols)
     first = jnp.argmax(good, axis=-1)[..., None]
     near_row, near_col = (jnp.take_along_axis(each, first, axis=-1)[..., 0] for each in (rows, cols))
     return near_row, near_col, good.any(axis=-1)
 
 
-def _settle(value: Array, price: Array) -> Array:
-    """Sweeps until Bellman's equation holds: V(a) = min over neighbours n of length · price(n) + V(n)."""
+def settle(value: Array, price: Array) -> Array:
+    """Sweeps until Bellman's equation holds: V(a) = min over neighbours n of length · price(n) + V(n).
+
+    Args:
+        value: [*B, rows, cols] what some path costs at most, infinite where none is known (cells).
+        price: [*B, rows, cols] from `price_of`.
+    """
     prices = [jnp.moveaxis(price, axis, 0) for axis in (-2, -1)]
 
     def sweep(state: tuple[Array, Array]) -> tuple[Array, Array]:
