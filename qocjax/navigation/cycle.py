@@ -115,7 +115,7 @@ def look(stack: StackParts, view: View) -> tuple[Layers, Rollouts]:
     """The costmap of a cycle and its rollouts, with their points."""
     stack, dtype = varied(stack, view.values), view.begin.dtype
     layers = _layers(stack, view.obstacles, dtype)
-    cost = layers.total().astype(dtype)
+    cost = layers.total().astype(jnp.uint8)
     _, _, rollouts = _step(
         stack, view.words, view.state, view.begin, view.speed, cost, view.path, view.goal, view.limits, record=True
     )
@@ -123,16 +123,14 @@ def look(stack: StackParts, view: View) -> tuple[Layers, Rollouts]:
 
 
 def _cost(stack: StackParts, obstacles: Obstacles, dtype: jnp.dtype) -> Array:
-    """The sum of the layers: patches around the other robots where they are smaller than the map."""
+    """The sum of the layers, in bytes: patches around the other robots where they are smaller than the map."""
     grid, reach = stack.static_map.grid, stack.influence
     discs = obstacles.x.shape[-1]
     if reach is None or discs * (2 * reach + 1) ** 2 >= math.prod(grid.shape):
-        return _layers(stack, obstacles, dtype).total().astype(dtype)
-    # Costs are whole numbers up to 255: as bytes they take a quarter of the program's memory.
-    bytes_ = tuple(jnp.asarray(each, jnp.uint8) for each in (stack.closed, stack.static.cost))
-    alone, cost = lax.optimization_barrier(bytes_)
+        return _layers(stack, obstacles, dtype).total().astype(jnp.uint8)
+    alone, cost = (jnp.asarray(each, jnp.uint8) for each in (stack.closed, stack.static.cost))
     static = StaticLayer(cost, jnp.asarray(stack.static.distance, dtype))
-    return patched(alone.astype(dtype), grid, static, obstacles, stack.inflation, reach)
+    return patched(alone, grid, static, obstacles, stack.inflation, reach)
 
 
 def _static(stack: StackParts, dtype: jnp.dtype) -> StaticLayer:

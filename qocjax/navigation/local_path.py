@@ -26,7 +26,7 @@ class MapCosts:
     cells lie is static, so that maps of many simulations differ in their costs alone.
     """
 
-    cost: Array  # [rows, cols]
+    cost: Array  # [rows, cols] of any type: bytes will do
     resolution: float = field(metadata={"static": True})  # m
     origin: tuple[float, float] = field(metadata={"static": True})  # m, the outer corner of cell [0, 0]
 

@@ -9,7 +9,7 @@ the one that is sent comes a cycle later.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -198,7 +198,6 @@ def _check_shapes(config: MppiConfig, state: State, pose: Array, path: Array, go
 
 
 def _scene(config: MppiConfig, limits: Limits, pose: Array, costmap: MapCosts, path: Array, goal: Array) -> Scene:
-    costmap = replace(costmap, cost=costmap.cost.astype(pose.dtype))
     ahead = local_path(path, pose[0], pose[1], config.prune_distance, config.path_spacing)
     to_goal = jnp.hypot(pose[0] - goal[0], pose[1] - goal[1])
     clear = costmap.at(ahead.x, ahead.y) < COLLISION

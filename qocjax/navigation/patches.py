@@ -17,14 +17,15 @@ def patched(
     """The sum of the layers, [rows, cols], as `costmap_layers(...).total()` has it.
 
     Args:
-        alone: [rows, cols] that sum without obstacles.
+        alone: [rows, cols] that sum without obstacles; its type is that of the result.
         grid: Where the cells lie.
         static: The static map.
         obstacles: M discs, each field [M].
         inflation: Parameters, for one map.
         reach: Cells from a disc beyond which it costs nothing, from `influence`.
     """
-    x, y = (jnp.asarray(each, alone.dtype) for each in grid.centres())
+    dtype = static.distance.dtype
+    x, y = (jnp.asarray(each, dtype) for each in grid.centres())
     shape = tuple(min(2 * reach + 1, cells) for cells in grid.shape)
 
     def patch(total: Array, disc: tuple[Array, Array]) -> tuple[Array, None]:
@@ -36,7 +37,7 @@ def patched(
                     for low, cells, side in zip(lower, grid.shape, shape, strict=True))  # fmt: skip
         part = StaticLayer(*(lax.dynamic_slice(each, (row, col), shape) for each in static))
         here = (lax.dynamic_slice_in_dim(x, col, shape[1], 1), lax.dynamic_slice_in_dim(y, row, shape[0], 0))
-        part, here = lax.optimization_barrier((part._replace(cost=part.cost.astype(total.dtype)), here))
+        part, here = lax.optimization_barrier((part._replace(cost=part.cost.astype(dtype)), here))
         cost = lax.optimization_barrier(layers_at(here, grid.resolution, part, obstacles, inflation).total())
         return lax.dynamic_update_slice(total, cost.astype(total.dtype), (row, col)), None
 
