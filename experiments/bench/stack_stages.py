@@ -23,7 +23,6 @@ import jax
 import jax.numpy as jnp
 import pandas as pd
 from jax import Array, lax
-from qocjax.study.replayed import replay
 
 from experiments.prediction import configured
 from qocjax._xla import compiled, request_whole_loop
@@ -33,6 +32,7 @@ from qocjax.navigation.iteration import weights_of
 from qocjax.navigation.noise import normal_pairs
 from qocjax.navigation.path_critics import furthest_reached
 from qocjax.navigation.planner import plan
+from qocjax.study.replayed import replay
 
 RESULT = Path(__file__).parent / "results" / "stack_stages.csv"
 FIRST, LAST = 10, 74  # sampling instants whose cycles are timed: both robots drive
