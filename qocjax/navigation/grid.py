@@ -7,7 +7,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
+from jax import Array, lax
 from jax.typing import ArrayLike
 
 from qocjax import _checks
@@ -100,11 +100,17 @@ class Grid:
             [*B, *K].
         """
         row, col, inside = self.cell(x, y)
-        return jnp.where(inside, self.take(values, row, col), outside)
+        # Indices are computed before any is used: a loop with look-ups in it takes no vector registers.
+        index = lax.optimization_barrier(jnp.where(inside, row * self.shape[1] + col, -1))
+        return jnp.where(index >= 0, self._at(values, jnp.maximum(index, 0)), outside)
 
     def take(self, values: Array, row: Array, col: Array) -> Array:
         """Values [*B, *K] of cells on the map: `values` is [*B, rows, cols], `row` and `col` are [*B, *K]."""
-        batch, index = values.shape[:-2], row * self.shape[1] + col
+        return self._at(values, row * self.shape[1] + col)
+
+    def _at(self, values: Array, index: Array) -> Array:
+        """Values of cells by their indices, row after row."""
+        batch = values.shape[:-2]
         if values.shape[-2:] != self.shape or index.shape[: len(batch)] != batch:
             raise ValueError(
                 f"values: got shape {values.shape} for points of shape {index.shape}, expected [*B, rows, cols] with "
