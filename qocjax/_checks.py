@@ -15,6 +15,11 @@ def is_concrete(value: Any) -> bool:
     return not _is_of_jax(value, "core.Tracer")
 
 
+def array_of(value: Any, dtype: np.dtype) -> Any:
+    """An array of a type: NumPy's where the value can be looked at, which needs no program of its own."""
+    return np.asarray(value, dtype) if is_concrete(value) else value.astype(dtype)
+
+
 def is_zero(value: Any) -> bool:
     """Whether a number is known to be 0."""
     return is_concrete(value) and bool(value == 0)
@@ -70,12 +75,12 @@ def bounded(
     if not is_concrete(value):
         return value
     array = np.asarray(value)
-    for bound, inside, words in (
-        (above, array > (above if above is not None else 0), "> "),
-        (least, array >= (least if least is not None else 0), ">= "),
-        (most, array <= (most if most is not None else 0), "<= "),
+    for bound, holds, words in (
+        (above, np.greater, "> "),
+        (least, np.greater_equal, ">= "),
+        (most, np.less_equal, "<= "),
     ):
-        if bound is not None and not np.all(inside):
+        if bound is not None and not np.all(inside := holds(array, bound)):
             raise ValueError(f"{name}: got {_show(array[~inside] if array.ndim else array)}, expected {words}{bound:g}")
     return value
 

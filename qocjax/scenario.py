@@ -189,6 +189,15 @@ class Design:
         own = {name: value for name, value in values.items() if name in DESIGN}
         return cls(**own, others={name: value for name, value in values.items() if name not in DESIGN})
 
+    @classmethod
+    def checked(cls, values: Mapping[str, Any]) -> Design:
+        """The design of values that were checked before, as they are: a search makes one for each batch."""
+        design = object.__new__(cls)
+        for name in DESIGN:
+            object.__setattr__(design, name, values[name])
+        object.__setattr__(design, "others", {name: value for name, value in values.items() if name not in DESIGN})
+        return design
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all its values."""

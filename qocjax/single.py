@@ -164,7 +164,7 @@ def simulate(
     controller.check(scenario, design, rules)
     mid_tick, slots = _timing(design, times.shape[0], rules)
     plan = Plan(rules, EXACT, slots, mid_tick, record=True, controller=controller)
-    design = jax.tree.map(lambda each: jnp.asarray(each, times.dtype), design)  # 0 and 0.1 on one program
+    design = jax.tree.map(lambda each: _checks.array_of(each, times.dtype), design)  # 0 and 0.1 on one program
     words = jax.random.key_data(jax.random.key(0) if key is None else key)
     return called(_simulate, (scenario, design, times, words, held(controller)), (plan,))
 
@@ -213,7 +213,7 @@ def _checked_loop_times(scenario: Scenario, design: Design, loop_times: ArrayLik
             raise ValueError(f"loop_times: got shape {shape}, expected {wanted}: (horizon / tau, robots)")
     elif len(shape) != 2 or shape[1] != scenario.num_robots:
         raise ValueError(f"loop_times: got shape {shape}, expected (P, {scenario.num_robots})")
-    return jnp.asarray(loop_times, jnp.result_type(float))
+    return _checks.array_of(loop_times, jnp.result_type(float))
 
 
 def _timing(design: Design, ticks: int, rules: Rules) -> tuple[bool | None, int]:

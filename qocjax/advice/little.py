@@ -9,9 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from qocjax._kept import called
 from qocjax.quality import QocScale, initial_norm
 from qocjax.reference import reference_origin, reference_way
 from qocjax.scenario import Scenario
@@ -43,12 +46,17 @@ def little_of(scenario: Scenario, scale: QocScale) -> Little:
         scenario: Robots, ways and normaliser.
         scale: Whose J_med makes QoC of it.
     """
+    way, norm = map(float, called(_way_and_norm, (jax.tree.map(np.asarray, scenario),), ()))
+    time = way / float(np.asarray(scenario.nominal_v_max))
+    radius = float(np.asarray(scenario.robot_radius))
+    auc = time * float(np.min(scenario.weights)) * radius**2 / norm
+    return Little(auc, radius, auc / scale.median)
+
+
+def _way_and_norm(scenario: Scenario) -> tuple[Array, Array]:
+    """Means over the robots: of the length of the reference's way (m), and of what |delta|²_W is divided by."""
     start = jnp.asarray(scenario.start, float)[..., None]
     goal = jnp.broadcast_to(jnp.asarray(scenario.goal, float), (start.shape[0], 2))[..., None]
     own = scenario.reference_per_robot
     _, way = reference_way(start, goal, own)
-    time = float(jnp.hypot(*way).mean()) / float(np.asarray(scenario.nominal_v_max))
-    norm = float(initial_norm(scenario, start, goal, reference_origin(start, own)).mean())
-    radius = float(np.asarray(scenario.robot_radius))
-    auc = time * float(np.min(scenario.weights)) * radius**2 / norm
-    return Little(auc, radius, auc / scale.median)
+    return jnp.hypot(*way).mean(), initial_norm(scenario, start, goal, reference_origin(start, own)).mean()

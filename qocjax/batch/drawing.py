@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -16,7 +17,7 @@ from qocjax._room import check_runs
 from qocjax.network.contention import contended_times
 from qocjax.network.interface import Network, SharedNetwork
 
-__all__ = ["Chance", "draw_seeds", "drawn", "loops_of"]
+__all__ = ["NOTHING", "Chance", "draw_seeds", "drawn", "loops_of"]
 
 
 class Chance(NamedTuple):
@@ -25,6 +26,20 @@ class Chance(NamedTuple):
     start: Array  # [S, N, 3] start poses
     network: Any  # loop times [S, P, N] s; of a `SharedNetwork` what `contend` makes them from
     keys: Array  # [S, 2] words of a random key, for controllers that draw
+
+
+@dataclass(frozen=True)
+class _Nothing:
+    """Stands for a network whose loop times are known, where the rest is drawn."""
+
+    prefix_stable = True
+
+    def draw(self, key: Array, num_ticks: int, num_robots: int, tau: float) -> Array:
+        """No loop time."""
+        return jnp.zeros(0)
+
+
+NOTHING: Any = _Nothing()
 
 
 def drawn(
@@ -64,7 +79,13 @@ def drawn(
 
 
 def draw_seeds(
-    start: Array, jitter: tuple[float, float], network: Network, seeds: ArrayLike, key: int, num_ticks: int, tau: float
+    start: ArrayLike,
+    jitter: tuple[float, float],
+    network: Network,
+    seeds: ArrayLike,
+    key: int,
+    num_ticks: int,
+    tau: float,
 ) -> Chance:
     """What `drawn` draws, compiled."""
     check_runs(num_ticks, np.shape(start)[0], np.size(seeds))

@@ -131,7 +131,7 @@ def run_grid(
     _check_held(grid | {name: getattr(scenario, name) for name in _SCENARIO_NUMBERS}, width)
     check_start(scenario, scenario.start)
     controller = controller or Apf()
-    every = Design.of(grid)
+    every = Design.checked(grid)
     check_others(controller.tunables, every.others)
     controller.check(scenario, every, rules)
     runner = Runner(scenario, grid, network, numbers, rules, key, width, measure, in_blocks, controller)

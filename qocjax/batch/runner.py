@@ -14,7 +14,7 @@ from qocjax._kept import program as kept_program
 from qocjax._math import EXACT, AngleMath, angle_math
 from qocjax._once import Once
 from qocjax._xla import compiled
-from qocjax.batch.drawing import Chance, drawn
+from qocjax.batch.drawing import NOTHING, Chance, drawn
 from qocjax.batch.layout import LANES, Batch, Group
 from qocjax.closed_loop import Plan, run_closed_loop
 from qocjax.controllers import Apf, Controller
@@ -25,7 +25,6 @@ from qocjax.quality import initial_norm
 from qocjax.reference import reference_origin
 from qocjax.scenario import Design, Scenario
 from qocjax.single import check_start
-from qocjax.tunables import CONTINUOUS, DESIGN
 
 __all__ = ["Drawn", "Measure", "Runner", "metrics"]
 
@@ -71,7 +70,6 @@ class Runner:
         """Casts everything to `dtype`; `in_blocks` is how reverse mode wants the loop."""
         self.controller = controller or Apf()
         self.grid, self.network, self.seeds, self.rules, self.dtype = grid, network, seeds, rules, dtype
-        self.others = [name for name in grid if name not in DESIGN]
         self.start, self.key = np.asarray(scenario.start, jnp.result_type(float)), key
         # What many batches share is put on an accelerator once; a CPU reads it where it is.
         self.scenario: Scenario = jax.tree.map(lambda a: np.asarray(a, dtype), scenario)
@@ -91,10 +89,10 @@ class Runner:
         """What is measured of one batch, [N, designs, seeds] or [designs, seeds]."""
         group = batch.group
         drawn = self._drawn.get((*_set_of(batch), self._at(group)), lambda: self._checked(batch))
-        values = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in CONTINUOUS}
         timing = {"tau": np.asarray(group.tau, self.dtype), "deadline": np.asarray(group.deadline, self.dtype)}
-        others = {name: self.grid[name][batch.designs].astype(self.dtype)[None, :, None] for name in self.others}
-        args = (self.scenario, Design(**values, **timing, others=others), drawn, np.int32(group.ticks))
+        values = {name: each[batch.designs].astype(self.dtype)[None, :, None]
+                  for name, each in self.grid.items() if name not in timing}  # fmt: skip
+        args = (self.scenario, Design.checked(values | timing), drawn, np.int32(group.ticks))
         slots, lag = (0, group.lag) if self.in_blocks else (group.slots, 0)
         math = self.math(group.longest_period)
         plan = Plan(self.rules, math, slots, group.mid_tick, lag=lag, controller=self.controller)
@@ -141,12 +139,15 @@ class Runner:
         """What some seeds fix."""
         device = getattr(jax.config, "jax_default_device", None)
         length = group.length if group.general else general_length(group.ticks)
-        ticks, tau = draw_length(self.network, group.ticks, group.tau, length)
-        network = source_of(self.network)
+        given = getattr(self.network, "given", None)
+        network = NOTHING if given else source_of(self.network)
+        ticks, tau = draw_length(network, group.ticks, group.tau, length)
         args, static = (self.start, seeds, np.int32(self.key)), (self.scenario.start_jitter, network)
         key = (*static, *map(np.shape, args[:2]), self.start.dtype, ticks, tau, device)
         program = _programs.get(key, lambda: kept_program(drawn, args, (*static, ticks, tau), compiled))
-        return program(*args)
+        found = program(*args)
+        robots = self.start.shape[0]
+        return found._replace(network=given(seeds.tolist(), self.key, group.ticks, robots)) if given else found
 
     def _loop_times(self, batch: Batch, chance: Chance) -> Any:
         """Loop times [S, P, N] s, at the deadline of the batch where they depend on it."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import jax
 import numpy as np
 from jax import Array
 
+from qocjax._kept import called
 from qocjax._room import check_runs
 from qocjax.network._fields import no_nan
 from qocjax.network.completion import completes, latest
@@ -92,10 +93,9 @@ def draw_parts(network: Network, load: Load) -> Any:
     """What chance decides of the runs behind an estimate, each leaf [S, ...]; it may hold more ticks than the load."""
     check_runs(load.num_ticks, load.num_robots, SEEDS)
     ticks, tau = draw_length(network, load.num_ticks, load.tau, general_length(load.num_ticks))
-    keys = jax.random.split(jax.random.key(0), SEEDS)
-    return _draw(source_of(network), keys, ticks, load.num_robots, tau)
+    return called(_draw, (np.int32(0),), (source_of(network), ticks, load.num_robots, tau))
 
 
-@partial(jax.jit, static_argnames=("network", "num_ticks", "num_robots", "tau"))
-def _draw(network: Network, keys: Array, num_ticks: int, num_robots: int, tau: float) -> Any:
+def _draw(root: Array, network: Network, num_ticks: int, num_robots: int, tau: float) -> Any:
+    keys = jax.random.split(jax.random.key(root), SEEDS)
     return jax.vmap(lambda key: network.draw(key, num_ticks, num_robots, tau))(keys)

@@ -98,7 +98,9 @@ class Network(Hashable, Protocol):
 
     Implementations are immutable and hashable, so that `jax.jit` can hold them as static arguments. One whose row p
     depends neither on `num_ticks` nor on `tau` may say so by an attribute `prefix_stable = True`: fewer programs are
-    then compiled to draw from it. One in which loops get into each other's way is a `SharedNetwork`.
+    then compiled to draw from it. One whose loop times were worked out beforehand may give them to batches by
+    `given(seeds, key, num_ticks, num_robots)`, arrays [S, P, N] of NumPy: no program is then compiled for it. One in
+    which loops get into each other's way is a `SharedNetwork`.
     """
 
     @property

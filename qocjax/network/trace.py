@@ -15,6 +15,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 
 from qocjax import _draws
+from qocjax._kept import called
 from qocjax.network._fields import delay_array, no_nan, store_float
 from qocjax.network.completion import latest
 from qocjax.network.correlation import correlation_rows
@@ -73,7 +74,7 @@ class Trace:
     def _replay(self, key: Array, of_robots: Array, steps: np.ndarray, num_robots: int) -> Array:
         rows = jnp.asarray(self.delays, jnp.result_type(float))
         edges = jnp.asarray(self._edges(self.stretches(int(steps[-1]) + 1)))
-        row = self._row(key)
+        row = _row(key, np.size(self.delays))
         place = jnp.searchsorted(edges, row, side="right") - 1
         begin, size = edges[place], edges[place + 1] - edges[place]
         part = jnp.maximum(size // num_robots, 1)
@@ -97,7 +98,8 @@ class Trace:
 
     def stretch(self, keys: Array, run_rows: int) -> np.ndarray:
         """Which stretch each Monte Carlo seed takes, [S], by its key; for runs of so many rows."""
-        return np.searchsorted(self._edges(self.stretches(run_rows)), jax.vmap(self._row)(keys), side="right") - 1
+        rows = called(_rows, (jax.random.key_data(keys),), (int(np.size(self.delays)),))
+        return np.searchsorted(self._edges(self.stretches(run_rows)), rows, side="right") - 1
 
     def rows_of(self, stretch: int, run_rows: int) -> tuple[int, int]:
         """First row of a stretch, and the first one after it; for runs of so many rows."""
@@ -129,10 +131,6 @@ class Trace:
         """First row of each stretch, and the number of rows."""
         whole = np.arange(_STRETCHES[0] + 1) * np.size(self.delays) // _STRETCHES[0]
         return whole[:: _STRETCHES[0] // stretches]
-
-    def _row(self, key: Array) -> Array:
-        """The row that decides a seed's stretch."""
-        return _draws.whole(jax.random.split(key)[0], np.size(self.delays))
 
     def _steps(self, num_ticks: int, tau: float) -> np.ndarray:
         """Rows between the start and each tick, [P]."""
@@ -197,6 +195,16 @@ def faster_than_measured(network: Any, tau: float) -> str | None:
         f"rate, set the sampling period (loop.tau, search.tau) to {trace.period:.4g} s or more, or allow it with "
         "network.faster_than_measured=true"
     )
+
+
+def _row(key: Array, count: int) -> Array:
+    """The row of so many that decides a seed's stretch."""
+    return _draws.whole(jax.random.split(key)[0], count)
+
+
+def _rows(words: Array, count: int) -> Array:
+    """Those of several seeds, by the words of their keys."""
+    return jax.vmap(lambda each: _row(jax.random.wrap_key_data(each), count))(words)
 
 
 _ROUND_AGAIN: weakref.WeakSet[Trace] = weakref.WeakSet()  # those that have said so

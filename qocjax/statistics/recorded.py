@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from qocjax._kept import called
 from qocjax.network.completion import latest
 from qocjax.network.interface import Load, Reliability
 from qocjax.statistics.estimates import standard_error
@@ -20,8 +21,12 @@ __all__ = ["RecordedLoops", "network_keys"]
 
 def network_keys(seeds: Sequence[int], key: int) -> Array:
     """Keys with which `evaluate` draws the loop times of Monte Carlo seeds, [S]."""
-    root = jax.random.key(np.int32(key))
-    return jax.vmap(lambda seed: jax.random.split(jax.random.fold_in(root, seed))[1])(jnp.asarray(seeds, jnp.uint32))
+    return jax.random.wrap_key_data(called(_words, (np.asarray(seeds, np.uint32), np.int32(key)), ()))
+
+
+def _words(seeds: Array, key: Array) -> Array:
+    root = jax.random.key(key)
+    return jax.vmap(lambda seed: jax.random.key_data(jax.random.split(jax.random.fold_in(root, seed))[1]))(seeds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +49,24 @@ class RecordedLoops:
         Raises:
             ValueError: Other ticks or robots are asked for than were recorded.
         """
-        if self.times.shape[1:] != (num_ticks, num_robots):
-            raise ValueError(f"recorded loops: got {self.times.shape[1:]}, expected {(num_ticks, num_robots)}")
+        self._check(num_ticks, num_robots)
         known = jax.random.key_data(self.keys)
         row = jnp.argmax(jnp.all(known == jax.random.key_data(key)[None, :], axis=-1))
         return jnp.asarray(self.times, jnp.result_type(float))[row]
+
+    def given(self, seeds: Sequence[int], key: int, num_ticks: int, num_robots: int) -> np.ndarray:
+        """What `draw` gives back for Monte Carlo seeds, [S, P, N] s, without a program that holds all loop times.
+
+        Raises:
+            ValueError: Other ticks or robots are asked for than were recorded.
+        """
+        self._check(num_ticks, num_robots)
+        known, asked = (np.asarray(jax.random.key_data(keys)) for keys in (self.keys, network_keys(seeds, key)))
+        return self.times[np.argmax((known[None] == asked[:, None]).all(axis=-1), axis=1)]
+
+    def _check(self, num_ticks: int, num_robots: int) -> None:
+        if self.times.shape[1:] != (num_ticks, num_robots):
+            raise ValueError(f"recorded loops: got {self.times.shape[1:]}, expected {(num_ticks, num_robots)}")
 
     def reliability(self, deadline: Any, load: Load | None = None) -> Reliability:
         """Returns the share of the recorded loops that complete by `deadline` (s), with its error over the seeds."""

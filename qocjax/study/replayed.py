@@ -46,7 +46,7 @@ def replay(
     tau = float(np.asarray(_checks.bounded("tau", design.tau, shape=())))
     ticks = num_ticks(scenario.horizon, tau)
     start, drawn, keys = draw_seeds(
-        jnp.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
+        np.asarray(scenario.start, jnp.result_type(float)), scenario.start_jitter, network, np.array([seed]), key,
         ticks, tau,
     )  # fmt: skip
     times = loops_of(network, drawn, ticks, tau, float(np.asarray(design.deadline)))

@@ -73,11 +73,9 @@ def replays(
     ticks = [num_ticks(scenario.horizon, float(np.asarray(design.tau))) for design in designs]
     start, lanes, words = _draw(scenario, network, seed, key, designs, ticks)
     values = [design.values() for design in designs]
-    stacked = Design.of({name: jnp.asarray([float(v[name]) for v in values]) for name in values[0]})
+    stacked = Design.of({name: np.array([float(v[name]) for v in values], lanes.dtype) for name in values[0]})
     placed = replace(scenario, start=start)
-    runs = jax.tree.map(
-        np.asarray, called(_together, (stacked, jnp.asarray(lanes), placed, words), (rules, controller))
-    )
+    runs = jax.tree.map(np.asarray, called(_together, (stacked, lanes, placed, words), (rules, controller)))
     return [_cut(jax.tree.map(lambda a, k=k: a[k], runs), count) for k, count in enumerate(ticks)]
 
 
@@ -150,13 +148,13 @@ def _in_setups(problem: Problem, designs: Sequence[Design], seed: int) -> list[R
 
 def _draw(
     scenario: Scenario, network: Network, seed: int, key: int, designs: Sequence[Design], ticks: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray, jax.Array]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start poses, loop times of each design [G, P, N] s, and words of a key.
 
     All loop times are as long as the longest; loops beyond the horizon are lost.
     """
     most = max(ticks)
-    begin = jnp.asarray(scenario.start, jnp.result_type(float))
+    begin = np.asarray(scenario.start, jnp.result_type(float))
     times = np.full((len(designs), most, scenario.num_robots), np.inf, begin.dtype)
     drawn: dict[tuple[int, float], Any] = {}
     found: dict[tuple[float, float], np.ndarray] = {}
@@ -170,7 +168,7 @@ def _draw(
             found[tau, deadline] = np.asarray(loops_of(network, drawn[shape].network, count, tau, deadline))[0]
         times[row, :count] = found[tau, deadline][:count]
     first = next(iter(drawn.values()))
-    return np.asarray(first.start)[0], times, first.keys[0]
+    return np.asarray(first.start)[0], times, np.asarray(first.keys)[0]
 
 
 def _cut(run: Run, ticks: int) -> Run:
