@@ -55,7 +55,7 @@ def test_batch_is_replay_under_all_rules(mode: str) -> None:
     assert_like_replay(exact(CLOSE, GRID, [5, 2], rules=rules), CLOSE, GRID, [(0, 5), (1, 2), (2, 5)], rules)
 
 
-@pytest.mark.parametrize("num_robots", [1, 3, 9])
+@pytest.mark.parametrize("num_robots", [1, 3, pytest.param(9, marks=pytest.mark.slow)])
 def test_batch_is_replay_for_any_number_of_robots(num_robots: int) -> None:
     turn = np.linspace(0, 2 * np.pi, num_robots, endpoint=False)
     start = np.c_[0.8 * np.cos(turn), 0.8 * np.sin(turn), turn]

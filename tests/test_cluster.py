@@ -49,7 +49,7 @@ def problem() -> Problem:
 @pytest.fixture(scope="module")
 def chunks(problem: Problem) -> list[Chunk]:
     found = plan(problem, Part("selection", range(160)), 1e5)
-    assert len(found) == 5
+    assert len(found) == 6
     return found
 
 

@@ -116,6 +116,7 @@ def test_options_that_programs_are_made_for_are_set_ups_of_their_own() -> None:
     assert sum(chunk.steps for chunk in chunks) == 3 * 2 * (2 * 40 + 8 * 60)
 
 
+@pytest.mark.slow
 def test_a_study_of_options_is_its_studies_one_by_one(tmp_path: Path) -> None:
     options = ("loop.hold=timeout", "network.edge.discipline=latest", "robot.radius=0.2")
     study = run(config(*options, "+sweep.grids.network.edge.workers=[1,3]", "+sweep.grids.loop.hold_timeout=[0.2]"),

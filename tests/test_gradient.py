@@ -34,7 +34,11 @@ def test_modes_agree(deadline: float) -> None:
 
 @pytest.mark.parametrize(
     "rules",
-    [pytest.param(Rules(hold="zero"), marks=pytest.mark.slow), Rules(hold="decay"), Rules(actuation="instant")],
+    [
+        pytest.param(Rules(hold="zero"), marks=pytest.mark.slow),
+        pytest.param(Rules(hold="decay"), marks=pytest.mark.slow),
+        Rules(actuation="instant"),
+    ],
 )
 def test_modes_agree_under_other_rules(rules: Rules) -> None:
     designs = Design(deadline=[0.05, 0.07])

@@ -326,6 +326,7 @@ def test_help_tells_choices_and_options(environment: dict[str, str], tmp_path: P
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_multirun_runs_one_study_after_the_other(environment: dict[str, str], tmp_path: Path) -> None:
     options = ["--multirun", "loop.hold=hold,zero", f"hydra.sweep.dir={tmp_path / 'both'}", *SMALL]
     done = sweep(options, tmp_path, environment)

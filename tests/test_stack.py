@@ -119,7 +119,7 @@ def test_float32_agrees_with_float64_over_a_short_run(batch: xr.Dataset) -> None
     np.testing.assert_allclose(narrow["auc"], batch["auc"], rtol=1e-3)
 
 
-@pytest.mark.parametrize("deadline", [0.2, 0.23])
+@pytest.mark.parametrize("deadline", [pytest.param(0.2, marks=pytest.mark.slow), 0.23])
 def test_prediction_is_where_the_robot_is_when_its_command_takes_effect(deadline: float) -> None:
     run = simulate(SHORT, design(deadline), times(), controller=replace(STACK, predict=True))
     x, y, heading = np.moveaxis(np.asarray(run.pose)[4:20], -1, 0)
@@ -131,6 +131,7 @@ def test_prediction_is_where_the_robot_is_when_its_command_takes_effect(deadline
     )
 
 
+@pytest.mark.slow
 def test_prediction_knows_that_speeds_take_time_to_change() -> None:
     slow = replace(SHORT, robot=Unicycle(Acceleration(0.8, -1.0, 1.5)))
     run = simulate(slow, design(0.2), times(), controller=replace(STACK, predict=True))
@@ -165,6 +166,7 @@ def test_rollouts_start_at_the_speed_that_the_robot_drives(deadline: float) -> N
         np.testing.assert_array_equal(np.asarray(seen)[1:-1], driven[:-2])
 
 
+@pytest.mark.slow
 def test_a_robot_that_holds_nothing_stands_when_it_is_sampled() -> None:
     lost = np.zeros((20, 2))
     lost[8:] = np.inf
@@ -172,7 +174,7 @@ def test_a_robot_that_holds_nothing_stands_when_it_is_sampled() -> None:
     assert np.all(np.asarray(run.view.speed.nu)[8] != 0.0) and np.all(np.asarray(run.view.speed.nu)[9:] == 0.0)
 
 
-@pytest.mark.parametrize("deadline", [0.2, 0.23])
+@pytest.mark.parametrize("deadline", [pytest.param(0.2, marks=pytest.mark.slow), 0.23])
 def test_predicted_rollouts_start_at_the_speed_of_the_command_before(deadline: float) -> None:
     run = simulate(SHORT, design(deadline), times(), controller=replace(STACK, predict=True))
     later = 3 if deadline == 0.2 else 4  # sampling instants until the last command is in force at one
@@ -196,6 +198,7 @@ def test_other_robots_are_seen_where_they_were_an_age_ago() -> None:
             assert wide == pytest.approx(speed * age[tick, other], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_widening_is_capped() -> None:
     lost = np.full((60, 2), np.inf)
     lost[10] = 0.0  # one command, held for the rest of the run
@@ -211,6 +214,7 @@ def test_plans_at_its_own_rate() -> None:
     assert set(np.flatnonzero(changed) + 1) <= {5, 10, 15} and changed.any()
 
 
+@pytest.mark.slow
 def test_goal_that_no_path_leads_to_is_reported_and_the_robot_stays() -> None:
     # A ring of walls around the goal.
     ring = [Rectangle((2.0, y), (1.6, 0.1)) for y in (-0.8, 0.8)] + [

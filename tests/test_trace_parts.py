@@ -73,6 +73,7 @@ def test_a_trace_with_a_computation_has_a_worst_part_too(behind_an_edge: bool) -
     assert (near > 1e-5) == behind_an_edge and float(part.reliability.share) == pytest.approx(1 - late.mean(), abs=near)
 
 
+@pytest.mark.slow
 def test_it_is_a_row_of_its_own_where_the_trace_is_long_enough() -> None:
     table = stress_table(goal(), BASE, {"current": replace(BASE, deadline=0.35)}, range(64)).set_index("what")
     assert table.index[1] == WORST_PART
