@@ -94,6 +94,7 @@ def test_limits_are_kept_and_infinite_ones_are_none() -> None:
     assert np.diff(np.asarray(only_turns.speed)[..., 0], axis=0).max() > 0.1
 
 
+@pytest.mark.slow
 def test_batches_and_float32_are_the_single_run() -> None:
     scenario = Scenario(robot=Unicycle(SLOW), start_jitter=(0.0, 0.0), horizon=8.0)
     designs = Design(kappa=np.array([1.0, 2.0]), deadline=np.array([0.2, 0.25]))
@@ -104,7 +105,8 @@ def test_batches_and_float32_are_the_single_run() -> None:
     assert (both[0]["auc"] > free["auc"]).all()
 
 
-@pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_gradients(mode: str) -> None:
     scenario, at, step = (
         Scenario(robot=Unicycle(SLOW), horizon=1.5, start_jitter=(0.0, 0.0)),

@@ -49,7 +49,9 @@ def base() -> xr.Dataset:
     return exact(CLOSE, GRID, range(40))
 
 
-@pytest.mark.parametrize("mode", ["deadline-decay", "arrival-zero", "instant-timeout"])
+@pytest.mark.parametrize(
+    "mode", [pytest.param("deadline-decay", marks=pytest.mark.slow), "arrival-zero", "instant-timeout"]
+)
 def test_batch_is_replay_under_all_rules(mode: str) -> None:
     rules = Rules(*mode.split("-"), hold_timeout=0.35, hold_decay=0.4)
     assert_like_replay(exact(CLOSE, GRID, [5, 2], rules=rules), CLOSE, GRID, [(0, 5), (1, 2), (2, 5)], rules)
@@ -64,7 +66,7 @@ def test_batch_is_replay_for_any_number_of_robots(num_robots: int) -> None:
     assert_like_replay(exact(scenario, grid, [1, 4]), scenario, grid, [(0, 1), (2, 4)])
 
 
-@pytest.mark.parametrize("reference", ["follow", "uncapped"])
+@pytest.mark.parametrize("reference", [pytest.param("follow", marks=pytest.mark.slow), "uncapped"])
 def test_batch_is_replay_with_a_reference_per_robot(reference: str) -> None:
     goals = [[1.0, 0.1], [0.9, -0.4]]
     scenario = replace(
@@ -79,6 +81,7 @@ def test_batch_is_replay_with_a_reference_per_robot(reference: str) -> None:
     assert_like_replay(exact(scenario, grid, [0, 7]), scenario, grid, [(0, 0), (1, 7)])
 
 
+@pytest.mark.slow
 def test_any_tau_and_deadline_side_by_side() -> None:
     """Dividing the horizon or not, deadlines zero, below tau, as long as the horizon: all in one grid."""
     tau, deadline = [0.1, 0.3, 0.07, 0.1], [0.0, 0.45, 0.21, 2.0]

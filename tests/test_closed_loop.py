@@ -144,7 +144,9 @@ CORNERS = {
 }
 
 
-@pytest.mark.parametrize("corner", CORNERS)
+@pytest.mark.parametrize(
+    "corner", [pytest.param(each, marks=[pytest.mark.slow] if each.startswith("robots") else []) for each in CORNERS]
+)
 def test_gradient_is_finite_everywhere(corner: str) -> None:
     start, normaliser, times = CORNERS[corner]
     scenario = Scenario(start=start, normaliser=normaliser, horizon=TAU * TICKS)

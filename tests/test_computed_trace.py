@@ -98,6 +98,7 @@ def test_it_stays_a_measured_trace() -> None:
     np.testing.assert_array_equal(jax.vmap(lambda key: networks[1].draw_again(key, 5, 2, 0.1)[0])(KEYS), copied)
 
 
+@pytest.mark.slow
 def test_losses_are_doubled_and_computing_made_slower() -> None:
     network = with_edge(ComputedTrace(measured(), TruncatedNormal(0.03, 0.005)), Edge(discipline="skip"))
     load = Load(300, 2, 0.1)

@@ -182,6 +182,7 @@ def lossy() -> dict[str, np.ndarray]:
     return {name: drawn(IndependentLoss(0.1), **qos) for name, qos in profiles.items()}
 
 
+@pytest.mark.slow
 def test_without_loss_reliable_is_best_effort_exactly() -> None:
     np.testing.assert_array_equal(drawn(IndependentLoss(), **BEST_EFFORT), drawn(IndependentLoss(), **DEPTH_10))
 

@@ -42,7 +42,7 @@ COMMANDS = {
                "advise.margins.seeds=8", "advise.margins.points=4", "advise.bounds.eta=null",
                "advise.bounds.c_miss=null", "advise.slowest=null", "advise.deadline_ms=700"],
 }  # fmt: skip
-SLOW = ("codesign", "advise", "qos")
+SLOW = ("codesign", "advise", "qos", "validate")
 
 
 @pytest.fixture(autouse=True)

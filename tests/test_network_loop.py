@@ -131,7 +131,9 @@ def test_draws_follow_the_reliability(network: LoopNetwork) -> None:
     )
 
 
-@pytest.mark.parametrize("network", [paper_network(), BURSTY], ids=lambda network: network.name)
+@pytest.mark.parametrize(
+    "network", [paper_network(), pytest.param(BURSTY, marks=pytest.mark.slow)], ids=lambda network: network.name
+)
 def test_a_seed_does_not_depend_on_the_others(network: LoopNetwork) -> None:
     keys = jax.random.split(jax.random.key(42), 5)
     together = loop_times(network, keys, 50, 3, 0.01)

@@ -207,6 +207,7 @@ def test_widening_is_capped() -> None:
     assert wide.max() == 0.12 and np.all(np.diff(wide[12:], axis=0) >= 0)
 
 
+@pytest.mark.slow
 def test_plans_at_its_own_rate() -> None:
     stack = replace(STACK, planner_period=0.25)
     run = simulate(SHORT, design(), times(), controller=stack)

@@ -417,7 +417,8 @@ def test_rates_follow_the_schedule(optimiser: str, schedule: str) -> None:
     np.testing.assert_allclose([rates(0), rates(100)], [part.rate, last], rtol=1e-5)
 
 
-@pytest.mark.parametrize("estimator", ["smoothed", pytest.param("blend", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("estimator", ["smoothed", "blend"])
 def test_all_parameters_may_be_tuned_with_any_estimator(estimator: str) -> None:
     config = a_config("tune.wrt=[v_max,omega_max,eta,kappa,gamma,c_miss,d_safe]", f"tune.estimator={estimator}",
                       "tune.steps=2", "optimiser=sgd")  # fmt: skip
