@@ -178,7 +178,10 @@ def _draw_marks(panel: Axes, paths: Paths, colours: Sequence[Colour], every: flo
     if len(colours) > NAMED:
         return
     taken = [paths.pose[0, 0, :2], *paths.goal]
-    apart = 0.08 * np.ptp(paths.pose[..., :2], axis=(0, 1)).max()
+    # Of the paths, or of a map that is much larger: labels must not meet, and none is better than a heap of them.
+    apart = 0.08 * max(
+        np.ptp(paths.pose[..., :2], axis=(0, 1)).max(), 0.6 * max(panel.viewLim.width, panel.viewLim.height)
+    )
     for tick in ticks:
         x, y, heading = paths.pose[tick, 0]
         if min(np.hypot(*(there - (x, y))) for there in taken) < apart:
