@@ -382,8 +382,9 @@ def test_a_cliff_is_said(advice: Advice) -> None:
 
 @pytest.mark.slow
 def test_the_sampling_period_is_chosen_where_others_are_allowed(composer: None) -> None:
-    """With one command in two seconds of four a robot hardly gets anywhere."""
-    options = [*SMALL, "advise.margins.points=0", "advise.margins.delays=0"]
+    """With one command in two seconds of four a robot that begins the wrong way round hardly gets anywhere."""
+    away = "scenario.start=[[-0.6,-0.5,2.5],[-0.6,0.5,-2.5]]"
+    options = [*SMALL, "advise.margins.points=0", "advise.margins.delays=0", away]
     found = run(load(AdviseConfig, compose("advise", [*options, "loop.tau=2", "advise.tau_ms=[100]"])))
     assert float(found.recommended.tau) == 0.1 and float(found.current.tau) == 2.0
     assert "at tau 100 ms instead of 2000 ms" in page(found) and "tau" not in found.kept
