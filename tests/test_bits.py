@@ -69,6 +69,7 @@ def test_parts_of_a_study_have_its_bits_however_many_seeds_a_batch_holds() -> No
     assert groups_of(tau, deadline, 4.0, Rules(), 2 * 160)[0].length == 2048  # which others share
     assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 2, 127)] == [64]
     assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 2, 63)] == [32]
+    assert [len(batch.seeds) for batch in batches_of(groups[:1], 32, 160, 64, 512)] == [32]  # also of many robots
     with jax.enable_x64(False):
         whole = evaluate(Scenario(horizon=4.0), designs, paper_network(), range(160))
         for seeds in (range(32), range(32, 160), [7]):

@@ -116,6 +116,16 @@ def test_recorded_loops_are_told_by_their_keys_and_times() -> None:
     assert len(keeper.there) == 2 and keeper.untold == []  # two recordings
 
 
+def test_recorded_loops_are_given_to_batches_as_they_are_drawn() -> None:
+    times = np.arange(3 * 4 * 2, dtype=float).reshape(3, 4, 2)
+    recorded = RecordedLoops(network_keys([7, 5, 6], 1), times, "a")
+    drawn = [recorded.draw(key, 4, 2, 0.1) for key in network_keys([5, 6, 7], 1)]
+    np.testing.assert_array_equal(recorded.given([5, 6, 7], 1, 4, 2), drawn)
+    np.testing.assert_array_equal(drawn, times[[1, 2, 0]])
+    with pytest.raises(ValueError, match=r"recorded loops: got \(4, 2\), expected \(5, 2\)"):
+        recorded.given([5], 1, 5, 2)
+
+
 def test_what_no_content_names_is_computed_and_told() -> None:
     keeper, made = InMemory(), []
 

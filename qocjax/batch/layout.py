@@ -81,8 +81,8 @@ def groups_of(
         runs_each: Robots x seeds of each design, to weigh the work.
         general: Whether sampling periods with little work may share general programs.
     """
-    groups, alone = [], np.unique(tau).size == 1
-    for period in np.unique(tau):
+    groups, periods = [], np.unique(tau)
+    for period in periods:
         limits, ticks = np.unique(deadline[tau == period]), num_ticks(horizon, period)
         splits = [split_deadline(np.float64(limit), np.float64(period)) for limit in limits]
         slots = 1 if rules.actuation == "instant" else _slots(min(max(int(lag) for lag, _ in splits), ticks))
@@ -91,8 +91,11 @@ def groups_of(
             inside = rules.actuation == "deadline" and float(rest) > 0
             waits = 0 if rules.actuation == "instant" else min(int(lag), ticks)
             groups.append(
-                Group(float(period), float(period), float(limit), ticks, waits, ticks, inside, slots, chosen, alone)
-            )
+                Group(
+                    float(period), float(period), float(limit), ticks, waits, ticks, inside, slots, chosen,
+                    alone=periods.size == 1,
+                )
+            )  # fmt: skip
     return _sharing(groups, rules, runs_each) if general else groups
 
 
@@ -136,22 +139,25 @@ def batches_of(
         max_runs: Runs of a batch with two robots.
         snug: Whether batches are made as small as their designs allow, at the price of more programs.
     """
-    runs = max_runs * 2 // max(num_robots, 2)
-    lanes = [_lanes(group, num_robots, total_seeds, runs, snug) for group in groups]
-    for tau, width in dict.fromkeys((group.tau, each) for group, each in zip(groups, lanes, strict=True)):
-        own = [group for group, each in zip(groups, lanes, strict=True) if (group.tau, each) == (tau, width)]
+    together: dict[tuple[float, int], list[Group]] = {}  # by what says which loop times they share
+    for group in groups:
+        width = _lanes(group, total_seeds, num_robots, max_runs, snug)
+        together.setdefault((group.tau, width), []).append(group)
+    for (_, width), own in together.items():
+        most = max(1, max_runs * 2 // (max(num_robots, 2) * width))
         for first in range(0, num_seeds, width):
             places = np.arange(first, min(first + width, num_seeds))
             seeds = _filled(places, len(places) if snug else width)
             for group in own:
-                yield from _of_group(group, seeds, max(1, runs // width), snug)
+                yield from _of_group(group, seeds, most, snug)
 
 
-def _lanes(group: Group, num_robots: int, total_seeds: int, runs: int, snug: bool) -> int:
+def _lanes(group: Group, total_seeds: int, num_robots: int, max_runs: int, snug: bool) -> int:
     """Seeds of a batch: more where few designs would leave it small; not where sampling periods share programs."""
+    runs = max_runs * 2 // max(num_robots, 2)
     most = min(total_seeds, runs // len(group.designs), _MOST_LOOPS // (group.length * num_robots))
-    wide = (lanes for lanes in _WIDE if lanes <= most and group.alone and not snug)
-    return next(wide, min(total_seeds, LANES, max(1, runs)))
+    usual = min(total_seeds, LANES, max_runs)
+    return next((lanes for lanes in _WIDE if lanes <= most), usual) if group.alone and not snug else usual
 
 
 def _of_group(group: Group, seeds: tuple[np.ndarray, int], most: int, snug: bool) -> Iterator[Batch]:
